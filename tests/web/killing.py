@@ -11,8 +11,6 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage
 from websockets.sync.client import connect
 
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.experiment.protocol.detection import plan_runs
-from tactuator.experiment.protocol.study import run_seed
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, begin, everything, response_of
@@ -31,7 +29,7 @@ class Client:
         self._path = server.addresses[f"subject S{index + 1}"].replace("http", "ws").replace("/s/", "/ws/subject/")
         self.acknowledged: list[tuple[int, int]] = []
         self.done = False
-        self._positions = [run.position for run in plan_runs(protocol, index)]
+        self._positions = [run.position for run in protocol.runs(index)]
         self.runs: dict[int, int] = {}  # position by row, without a restart
 
     def answered(self) -> set[tuple[int, int]]:
@@ -61,7 +59,7 @@ class Client:
 
     def _trial(self, run: int, number: int) -> Any:
         position = self.runs.setdefault(run, self._positions[len(self.runs) % len(self._positions)])
-        seed = run_seed(self.protocol, self.index, position, 0)
+        seed = self.protocol.run_seed(self.index, position, 0)
         return self.protocol.paradigm.trial(number, "index", Placement(0.0, 100.0), seed)
 
 

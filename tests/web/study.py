@@ -17,9 +17,7 @@ from playwright.sync_api import Page, expect
 
 from tactuator.cli.main import main
 from tactuator.experiment.procedure.procedure import Placement
-from tactuator.experiment.protocol.detection import plan_runs
 from tactuator.experiment.protocol.file import Protocol, read_protocol
-from tactuator.experiment.protocol.study import run_seed
 from tactuator.io.controller import write_controller
 from tactuator.model.controller import Controller
 from tests.experiment.session.apparatuses import response_of
@@ -142,7 +140,7 @@ class Subject:
     def __post_init__(self) -> None:
         if self.key is None:
             self._protocol, _ = read_protocol(self.protocol, Protocol)
-            self._positions = [run.position for run in plan_runs(self._protocol, 0)]
+            self._positions = [run.position for run in self._protocol.runs(0)]
             self.key = self._answer
         self.page.on("websocket", lambda socket: socket.on("framereceived", self._hear))
 
@@ -165,7 +163,7 @@ class Subject:
         return True
 
     def _answer(self, run: int, number: int) -> str:
-        seed = run_seed(self._protocol, 0, self._positions[run - 1], 0)  # one subject, no restart: rows are positions
+        seed = self._protocol.run_seed(0, self._positions[run - 1], 0)  # one subject, no restart: rows are positions
         return response_of(self._protocol.paradigm.trial(number, "index", Placement(0.0, 100.0), seed))
 
 

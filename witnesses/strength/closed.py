@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.strength_results import contour_results
 from tactuator.experiment.session.respondent import Respondent, run_session

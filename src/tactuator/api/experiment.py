@@ -24,11 +24,10 @@ from tactuator.api.parameters import (
 )
 from tactuator.api.progress import say, working
 from tactuator.entry_points import plugins
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.experiment.export import export as exported
 from tactuator.experiment.procedure.procedure import GROUP, Playable
-from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
+from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
@@ -229,10 +228,8 @@ def observe(
     simulated display makes of it. With --lsl they wait for a recorder.
     """
     study, text = read_protocol(Path(protocol), StudyProtocol)
-    if not isinstance(study, Protocol | JudgingProtocol):
-        raise BadInput(
-            f"protocol {protocol} is of recognition", "one of detection or of a task; see `experiment recognise`"
-        )
+    with within(f"protocol {protocol}"):
+        study.require_observers()
     codes, seen = [subject.code for subject in study.subject], set[int]()
     files, lapses = _pairs("--truth", "SUBJECT=CSV", truth or []), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
@@ -251,9 +248,7 @@ def observe(
 
             finger = None if touching == "none" else touching
             run_study(database, study, text, place, observers, SystemClock(), finger, show)
-    hertz = np.array(
-        (isinstance(study, Protocol) and study.conditions.frequencies_hz) or np.geomspace(*place.band_hz, 12).round(3)
-    )
+    hertz = np.array(study.frequencies_hz or np.geomspace(*place.band_hz, 12).round(3))
     each = [(codes[at], observers[at].curve.level_db_re_1um_at(hertz)) for at in sorted(seen)]
     rows = [(code, float(at), float(level)) for code, of in each for at, level in zip(hertz, of, strict=True)]
     return ObservedResult(store, tuple(rows))

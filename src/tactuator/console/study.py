@@ -20,8 +20,7 @@ from tactuator.console.state import ConsoleState
 from tactuator.console.uploads import UploadedFiles
 from tactuator.errors import BadInput
 from tactuator.experiment.export import FORMS
-from tactuator.experiment.protocol.file import JudgingProtocol, read_protocol
-from tactuator.experiment.protocol.recognition import RecognitionProtocol
+from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.enrolment import fresh_token
 from tactuator.experiment.session.studies import open_study, task_of
@@ -57,21 +56,14 @@ def look(state: ConsoleState, protocol: Name) -> Answer:
     file that is no protocol.
     """
     read, _ = read_protocol(protocol_path(state.uploads, protocol), StudyProtocol)
-    items = [item.file for item in read.item] if isinstance(read, RecognitionProtocol) else []
     return {
         "study": read.study.name,
-        "kind": _kind(read),
+        "kind": read.asks,
         "language": read.study.language,
         "subjects": [subject.code for subject in read.subject],
-        "files": [*items, *filter(None, [read.study.language_file])],
+        "files": list(read.files),
         "warning": read.warning,
     }
-
-
-def _kind(protocol: StudyProtocol) -> str:
-    if isinstance(protocol, JudgingProtocol):
-        return protocol.task.kind
-    return "recognition" if isinstance(protocol, RecognitionProtocol) else "detection"
 
 
 REQUESTS: Functions = {"experiment.start": offered, "experiment.look": look}

@@ -7,9 +7,9 @@ from sqlalchemy import select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export import export
-from tactuator.experiment.protocol.detection import Protocol, latin_square, plan_runs
+from tactuator.experiment.protocol.detection import Protocol, latin_square
 from tactuator.experiment.protocol.file import RecognitionProtocol, parse_protocol, read_protocol
-from tactuator.experiment.protocol.study import StudyProtocol, run_seed
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.recognition_task import RecognitionTask
 from tactuator.experiment.session.studies import open_session, task_of
 from tactuator.experiment.session.tone_task import DetectionTask
@@ -66,12 +66,12 @@ def test_latin_square__any_size__balances_places_and_successions(count: int) -> 
 def test_plan__of_a_subject__has_practice_first_and_seeds_of_its_own() -> None:
     text = PROTOCOL.replace('"latin-square"', '"random"').replace("[30, 90, 210]", "[10, 20, 50, 100]")
     drawn = parse_protocol(text, Protocol)
-    orders = [tuple(run.frequency_hz for run in plan_runs(drawn, subject)) for subject in range(6)]
+    orders = [tuple(run.frequency_hz for run in drawn.runs(subject)) for subject in range(6)]
     assert len(set(orders)) > 1
-    assert orders[2] == tuple(run.frequency_hz for run in plan_runs(drawn, 2))
-    runs = plan_runs(parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2"), Protocol), 0)
+    assert orders[2] == tuple(run.frequency_hz for run in drawn.runs(2))
+    runs = parse_protocol(PROTOCOL.replace("[conditions]", "[conditions]\nrepeats = 2"), Protocol).runs(0)
     assert [(run.practice, run.position) for run in runs] == [(position == 0, position) for position in range(7)]
-    assert len({run_seed(drawn, *place) for place in ((0, 1, 0), (0, 1, 1), (1, 1, 0), (0, 2, 0))}) == 4
+    assert len({drawn.run_seed(*place) for place in ((0, 1, 0), (0, 1, 1), (1, 1, 0), (0, 2, 0))}) == 4
 
 
 def test_protocol__of_either_kind__is_recognised_by_its_content(tmp_path, items, controller) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.experiment.export import exported
-from tactuator.experiment.protocol.file import JudgingProtocol, StudyProtocol, parse_protocol
+from tactuator.experiment.protocol.file import StudyProtocol, parse_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import SystemClock

@@ -1,7 +1,8 @@
-"""Protocol files of detection studies, and the runs that a subject of one does, in their order."""
+"""Protocol files of detection studies, and the order of their conditions."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,11 +10,14 @@ from pydantic import Field
 
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure, Runs, parse_procedure
-from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further, no_curve
+from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.trial import ForcedChoice, Marks, Masker, Timing
-from tactuator.experiment.words import Words, shipped_words
+from tactuator.experiment.words import Words
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
 from tactuator.perception.curve import Level
+
+_PRACTICE_HZ = 100.0
+"""Frequency of practice before a run that chooses its own."""
 
 
 @table("[conditions]")
@@ -92,61 +96,71 @@ class Protocol(StudyProtocol):
         """Return fresh runs of the procedure, over what can be played."""
         return self.procedure.begin(self.paradigm.guess, playable, count)
 
-    @property
-    def warning(self) -> str:
-        """Return that no curve follows from so few frequencies, "" where one does."""
-        return no_curve(len(self.conditions.frequencies_hz))
-
-    def practice(self) -> Practice:
+    def begin_practice(self) -> Practice:
         """Return a fresh practice run."""
         rules = self.session
         limit = rules.practice_trials if rules.practice_correct is None else rules.practice_limit
         return Practice(rules.practice_level_db_sl, limit, rules.practice_trials, rules.practice_correct)
 
+    @property
+    def asks(self) -> str:
+        """Return detection."""
+        return "detection"
 
-def plan_runs(protocol: Protocol, subject: int, visit: int = 1, words: Words | None = None) -> tuple[PlannedRun, ...]:
-    """Return the runs of a visit (from 1) of the subject of that number (from 0).
+    @property
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Return the frequencies of the conditions."""
+        return self.conditions.frequencies_hz
 
-    Practice comes first, then every condition in the subject's order; a further visit has an order of its own. words:
-    the language of titles, English by default.
-    """
-    language = words or shipped_words("en")
-    conditions = protocol.conditions
-    frequencies: tuple[float | None, ...] = conditions.frequencies_hz or (None,)
-    cells = [(finger, frequency) for finger in conditions.fingers for frequency in frequencies]
-    runs: list[PlannedRun] = []
-    if protocol.session.practice_trials:
-        runs.append(_planned(protocol, language, 0, conditions.fingers[0], frequencies[0] or 100.0, practice=True))
-    for repeat in range(conditions.repeats):
-        for index in _order(protocol, len(cells), subject, repeat, visit):
-            runs.append(_planned(protocol, language, len(runs), *cells[index]))
-    return tuple(runs)
+    def require_observers(self) -> None:
+        """Refuse a single interval."""
+        if self.paradigm.yes_no:
+            got = "1: simulated observers tell intervals apart"
+            raise BadInput(got, "two intervals or more", key="paradigm.intervals")
 
+    def parts(self, words: Words) -> tuple[PlannedRun, ...]:
+        """Return every condition, `repeats` times."""
+        frequencies: tuple[float | None, ...] = self.frequencies_hz or (None,)
+        cells = [(finger, hertz) for finger in self.conditions.fingers for hertz in frequencies]
+        return tuple(self._run(*cell, words) for cell in cells) * self.conditions.repeats
 
-def _planned(
-    protocol: Protocol, words: Words, position: int, finger: str, frequency_hz: float | None, practice: bool = False
-) -> PlannedRun:
-    kind = "fixed" if practice else protocol.procedure.kind
-    what = words("run.whole_curve") if frequency_hz is None else words("run.hertz", hertz=f"{frequency_hz:g}")
-    title = words("run.title", finger=finger, what=what)
-    if practice:
-        title = words("run.practice", title=title)
-    rules = protocol.session
-    introduction = ""
-    if practice and rules.practice_correct is not None:
-        introduction = words("run.practice_text", correct=rules.practice_correct, window=rules.practice_trials)
-    return PlannedRun(
-        position, finger, frequency_hz, practice, FORCED_CHOICE, kind, rules.feedback, title, introduction
-    )
+    def practice(self, parts: Sequence[PlannedRun], order: Sequence[int], words: Words) -> Sequence[PlannedRun]:
+        """Return practice of the first condition, where there is any."""
+        rules, told = self.session, ""
+        if not rules.practice_trials:
+            return ()
+        if rules.practice_correct is not None:
+            told = words("run.practice_text", correct=rules.practice_correct, window=rules.practice_trials)
+        first = self._run(parts[0].finger, parts[0].frequency_hz or _PRACTICE_HZ, words)
+        return (first.practised(rules.practice_trials, told, words),)
 
+    def order(self, count: int, subject: int, visit: int) -> Sequence[int]:
+        """Return the order of [conditions], in which no condition comes again before all have come."""
+        repeats = self.conditions.repeats
+        each = count // repeats
+        orders = (self._order(each, subject, repeat, visit) for repeat in range(repeats))
+        return [repeat * each + index for repeat, order in enumerate(orders) for index in order]
 
-def _order(protocol: Protocol, count: int, subject: int, repeat: int, visit: int) -> list[int]:
-    if protocol.conditions.order == "as-given":
-        return list(range(count))
-    if protocol.conditions.order == "random":
-        rng = np.random.default_rng([protocol.study.seed, 3, subject, repeat, *further(visit)])
-        return [int(index) for index in rng.permutation(count)]
-    return latin_square(count)[(subject + repeat + visit - 1) % len(latin_square(count))]
+    def _order(self, count: int, subject: int, repeat: int, visit: int) -> Sequence[int]:
+        if self.conditions.order == "as-given":
+            return range(count)
+        if self.conditions.order == "random":
+            rng = np.random.default_rng([self.study.seed, 3, subject, repeat, *further(visit)])
+            return [int(index) for index in rng.permutation(count)]
+        rows = latin_square(count)
+        return rows[(subject + repeat + visit - 1) % len(rows)]
+
+    def _run(self, finger: str, frequency_hz: float | None, words: Words) -> PlannedRun:
+        what = words("run.whole_curve") if frequency_hz is None else words("run.hertz", hertz=f"{frequency_hz:g}")
+        return PlannedRun(
+            finger,
+            frequency_hz,
+            paradigm=FORCED_CHOICE,
+            procedure=self.procedure.kind,
+            feedback=self.session.feedback,
+            title=words("run.title", finger=finger, what=what),
+            typical_trials=self.procedure.typical_trials,
+        )
 
 
 def latin_square(count: int) -> list[list[int]]:

@@ -13,9 +13,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol, each_once
 from tactuator.experiment.trial import Timing, Trial
-from tactuator.experiment.words import Words, shipped_words
+from tactuator.experiment.words import Words
 from tactuator.parameters import Flag, Number, Seconds, Whole, table
 
 Paradigm = Literal["recognition", "middle-of-three", "abx"]
@@ -90,48 +91,52 @@ class RecognitionProtocol(StudyProtocol):
         """Return the labels of the items, in the order of the file."""
         return tuple(item.label for item in self.item)
 
+    @property
+    def asks(self) -> str:
+        """Return recognition."""
+        return "recognition"
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Return the items' references, and what else lies beside the protocol."""
+        return (*(item.file for item in self.item), *super().files)
+
+    def require_observers(self) -> None:
+        """Refuse recognition, of which thresholds tell nothing."""
+        raise BadInput("what is asked is recognition", "detection or a task; see `experiment recognise`")
+
+    def parts(self, words: Words) -> tuple[PlannedRun, ...]:
+        """Return every block; what differs between subjects is the order of its trials."""
+        return tuple(self._run(number, block, words) for number, block in enumerate(self.block, start=1))
+
+    def _run(self, number: int, block: BlockPart, words: Words) -> PlannedRun:
+        paradigm, count = self.recognition.paradigm, len(self.item)
+        trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
+        title = words("run.block", number=number, count=len(self.block), kind=words(f"run.{block.kind}"))
+        feedback = words("run.told" if block.feedback else "run.not_told")
+        return PlannedRun(
+            ALL_FINGERS,
+            None,
+            paradigm=paradigm,
+            procedure="fixed",
+            feedback=block.feedback,
+            title=title,
+            typical_trials=trials,
+            trials=trials,
+            practice=block.kind == "training",
+            introduction=f"{words('run.trials', title=title, trials=trials)}\n{feedback}",
+        )
+
+    def run_seed(self, subject: int, position: int, attempt: int = 0, visit: int = 1) -> tuple[int, ...]:
+        """Return the seed of a block.
+
+        A first attempt at a first visit has the three numbers that it had before there were attempts and visits.
+        """
+        again = () if (attempt, visit) == (0, 1) else (attempt, visit)
+        return (self.study.seed, subject, position, *again)
+
 
 ABX_RESPONSES = ("A", "B")
-
-
-def plan_blocks(protocol: RecognitionProtocol, words: Words | None = None) -> tuple[PlannedRun, ...]:
-    """Return every block as a run, which is the same for all subjects but for the order of its trials.
-
-    words: the language of titles, English by default.
-    """
-    language = words or shipped_words("en")
-    return tuple(_planned(protocol, language, position, block) for position, block in enumerate(protocol.block))
-
-
-def _planned(protocol: RecognitionProtocol, words: Words, position: int, block: BlockPart) -> PlannedRun:
-    paradigm, count = protocol.recognition.paradigm, len(protocol.item)
-    trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
-    kind = words(f"run.{block.kind}")
-    title = words("run.block", number=position + 1, count=len(protocol.block), kind=kind)
-    feedback = words("run.told" if block.feedback else "run.not_told")
-    return PlannedRun(
-        position,
-        ALL_FINGERS,
-        None,
-        practice=block.kind == "training",
-        paradigm=paradigm,
-        procedure="fixed",
-        feedback=block.feedback,
-        title=title,
-        introduction=f"{words('run.trials', title=title, trials=trials)}\n{feedback}",
-        trials=trials,
-    )
-
-
-def block_seed(
-    protocol: RecognitionProtocol, subject: int, position: int, attempt: int = 0, visit: int = 1
-) -> tuple[int, ...]:
-    """Return the seed of a subject's block; subjects count from 0, visits from 1.
-
-    A first attempt at a first visit has the three numbers that it had before there were attempts and visits.
-    """
-    again = () if (attempt, visit) == (0, 1) else (attempt, visit)
-    return (protocol.study.seed, subject, position, *again)
 
 
 def block_trials(
@@ -142,7 +147,7 @@ def block_trials(
         protocol.recognition.paradigm,
         protocol.labels,
         protocol.block[position].repetitions,
-        np.random.default_rng(block_seed(protocol, subject, position, attempt, visit)),
+        np.random.default_rng(protocol.run_seed(subject, position, attempt, visit)),
     )
 
 

@@ -1,4 +1,4 @@
-"""The part that every protocol file has, whatever is asked: the study, its circumstances, its subjects."""
+"""The part that every protocol file has, whatever is asked: study, circumstances, subjects, and the plan of a visit."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
+from tactuator.experiment.words import Words, shipped_words
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
 
@@ -140,9 +141,55 @@ class StudyProtocol:
             self.facts(subject.demographics)
 
     @property
+    def asks(self) -> str:
+        """Return what is asked: detection, recognition, or the kind of a task."""
+        raise NotImplementedError
+
+    @property
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Return the frequencies whose thresholds are measured, where the file lists them."""
+        return ()
+
+    @property
     def warning(self) -> str:
-        """Return what the results will not have, "" where they have all."""
-        return ""
+        """Return that no curve follows from so few frequencies, "" where one does, or none is listed."""
+        count = len(self.frequencies_hz)
+        return f"no curve: frequencies_hz has {count}; allowed: {POINTS_MIN} or more" if 0 < count < POINTS_MIN else ""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Return the files that lie beside the protocol."""
+        return () if self.study.language_file is None else (self.study.language_file,)
+
+    def require_observers(self) -> None:
+        """Raise BadInput where simulated observers cannot answer."""
+
+    def runs(self, subject: int, visit: int = 1, words: Words | None = None) -> tuple[PlannedRun, ...]:
+        """Return the runs of a visit (from 1) of the subject of that number (from 0), alike after any interruption.
+
+        Practice comes first, then every part in the subject's order. words: of titles, English by default.
+        """
+        language = words or shipped_words("en")
+        parts = self.parts(language)
+        order = self.order(len(parts), subject, visit)
+        runs = [*self.practice(parts, order, language), *(parts[index] for index in order)]
+        return tuple(replace(run, position=position) for position, run in enumerate(runs))
+
+    def parts(self, words: Words) -> tuple[PlannedRun, ...]:
+        """Return every run that is not practice, once, in the order of the file."""
+        raise NotImplementedError
+
+    def order(self, count: int, subject: int, visit: int) -> Sequence[int]:
+        """Return the indices of so many parts in the order of the subject's visit: by default as in the file."""
+        return range(count)
+
+    def practice(self, parts: Sequence[PlannedRun], order: Sequence[int], words: Words) -> Sequence[PlannedRun]:
+        """Return the practice that precedes these parts: by default none."""
+        return ()
+
+    def run_seed(self, subject: int, position: int, attempt: int = 0, visit: int = 1) -> tuple[int, ...]:
+        """Return the seed of a run; a restarted run gets another."""
+        return (self.study.seed, 5, subject, position, attempt, *further(visit))
 
     def facts(self, given: dict[str, str | float]) -> dict[str, tuple[str, str]]:
         """Return (value, unit) of each demographic item that is given, by name.
@@ -172,11 +219,6 @@ class StudyProtocol:
         return replace(self, subject=())
 
 
-def no_curve(count: int) -> str:
-    """Return that no curve follows from so many frequencies, "" where one does, or none is listed."""
-    return f"no curve: frequencies_hz has {count}; allowed: {POINTS_MIN} or more" if 0 < count < POINTS_MIN else ""
-
-
 def each_once(what: str, values: Sequence[str]) -> None:
     """Raise BadInput where one of the values stands twice."""
     if len(set(values)) != len(values):
@@ -193,30 +235,34 @@ ALL_FINGERS = "all"
 class PlannedRun:
     """A run as its row in the store has it, and as people are told of it.
 
-    position: counted from 0 in the session. frequency_hz: None where the procedure chooses, or there is none. practice:
-    True for a run that is not analysed. feedback: True where the right response is told after each answer. trials:
-    their number, where that is known before. title: name for the operator. introduction: text that the subject reads
-    before the run begins; an empty one lets it begin at once. part: the plan of its task that it is of.
+    frequency_hz: None where the procedure chooses, or there is none. feedback: True where the right response is told
+    after each answer. title: name for the operator. typical_trials: about how many it has. trials: their number, where
+    that is known before. practice: True for a run that is not analysed. introduction: text that the subject reads
+    before the run begins; an empty one lets it begin at once. part: the plan of its task that it is of. position:
+    counted from 0 in the session.
     """
 
-    position: int
     finger: str
     frequency_hz: float | None
-    practice: bool
     paradigm: str
     procedure: str
     feedback: bool
     title: str
-    introduction: str = ""
+    typical_trials: float
     trials: int | None = None
+    practice: bool = False
+    introduction: str = ""
     part: int = 0
+    position: int = 0
+
+    def practised(self, trials: int, introduction: str, words: Words) -> PlannedRun:
+        """Return so many trials of the run as practice."""
+        title = words("run.practice", title=self.title)
+        return replace(
+            self, practice=True, procedure="fixed", title=title, introduction=introduction, typical_trials=trials
+        )
 
 
 def further(visit: int) -> tuple[int, ...]:
     """Return what a visit adds to a seed; the first visit adds nothing, so that its seeds stay as they were."""
     return () if visit == 1 else (visit,)
-
-
-def run_seed(protocol: StudyProtocol, subject: int, position: int, attempt: int, visit: int = 1) -> tuple[int, ...]:
-    """Return the seed of a run; a restarted run gets another."""
-    return (protocol.study.seed, 5, subject, position, attempt, *further(visit))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from sqlalchemy import Connection, insert, select
@@ -13,13 +14,7 @@ from sqlalchemy import Connection, insert, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import Presenter, Watch
-from tactuator.experiment.protocol.recognition import (
-    ABX_RESPONSES,
-    RecognitionProtocol,
-    block_seed,
-    block_trials,
-    plan_blocks,
-)
+from tactuator.experiment.protocol.recognition import ABX_RESPONSES, RecognitionProtocol, block_trials
 from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.result.confusion import abx_table, information_table, matrix_table, session_results
 from tactuator.experiment.session.task import (
@@ -122,7 +117,7 @@ class RecognitionTask(SessionTask):
     @classmethod
     def load(
         cls, protocol: RecognitionProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
-    ) -> RecognitionTask:
+    ) -> Self:
         """Return the task with its items read from files in `beside`. Raises BadInput as `load_items` does."""
         return cls(protocol, apparatus, words or shipped_words("en"), load_items(protocol, beside, apparatus.rig))
 
@@ -155,24 +150,20 @@ class RecognitionTask(SessionTask):
         """Store the items. Raises BadInput where they are not those that the study began with."""
         keep_items(connection, study, self.protocol, self.items)
 
-    def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
-        """Return every block as a run."""
-        return plan_blocks(self.protocol, self.words)
-
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
         """Return the number of trials of a block, and how many seconds one of them plays."""
         asking, rate_hz = self.protocol.recognition, self.apparatus.rig.rate_hz
         intervals = 1 if asking.paradigm == "recognition" else 3
         longest_s = max(len(item.reference) for item in self.items.values()) / rate_hz
         played_s = asking.lead_s + intervals * longest_s + (intervals - 1) * asking.gap_s
-        return float(planned.trials or 1), played_s + (asking.feedback_s if planned.feedback else 0.0)
+        return planned.typical_trials, played_s + (asking.feedback_s if planned.feedback else 0.0)
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockState:
         """Return the state of a block at its first trial."""
-        which = (self.protocol, subject, planned.position, attempt, visit)
+        which = (subject, planned.position, attempt, visit)
         labels = tuple(choice.response for choice in self.question.choices)
         criterion = self.protocol.block[planned.position].criterion
-        return BlockState(block_seed(*which), labels, block_trials(*which), criterion)
+        return BlockState(self.protocol.run_seed(*which), labels, block_trials(self.protocol, *which), criterion)
 
     def play(self, following: NextTrial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the items of the trial on every channel.

@@ -1,8 +1,8 @@
-"""Studies: a protocol of either kind at an apparatus, its versions, and a session for every visit of its subjects."""
+"""Studies: a protocol of any kind at an apparatus, its versions, and a session for every visit of its subjects."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +11,8 @@ from sqlalchemy import Connection
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.enrolment import StudyRecords
@@ -33,12 +34,12 @@ def task_of(protocol: StudyProtocol, beside: Path, apparatus: Apparatus) -> Sess
     study = protocol.study
     own_file = None if study.language_file is None else beside / study.language_file
     words = shipped_words(study.language) if own_file is None else read_words(own_file, study.language)
-    if isinstance(protocol, RecognitionProtocol):
-        return RecognitionTask.load(protocol, beside, apparatus, words)
-    if isinstance(protocol, JudgingProtocol):
-        return JudgingTask(protocol, apparatus, words)
-    assert isinstance(protocol, Protocol)
-    return DetectionTask(protocol, apparatus, words)
+    return _TASKS[type(protocol)].load(protocol, beside, apparatus, words)
+
+
+_TASKS: Mapping[type[StudyProtocol], type[SessionTask]] = {
+    Protocol: DetectionTask, JudgingProtocol: JudgingTask, RecognitionProtocol: RecognitionTask
+}  # fmt: skip
 
 
 @dataclass

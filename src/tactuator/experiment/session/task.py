@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import ClassVar, Protocol
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from sqlalchemy import Connection
@@ -239,9 +240,14 @@ class SessionTask:
     def enrol(self, connection: Connection, study: int) -> None:
         """Store what a new study has besides its sessions. Raises BadInput where it is there with something else."""
 
+    @classmethod
+    def load(cls, protocol: Any, beside: Path, apparatus: Apparatus, words: Words | None = None) -> Self:
+        """Return the task of the protocol, whose files lie in `beside`."""
+        return cls(protocol, apparatus, words or shipped_words("en"))
+
     def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
         """Return every run of a visit (from 1) of a subject (from 0), which are the same after any interruption."""
-        raise NotImplementedError
+        return self.protocol.runs(subject, visit, self.words)
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> TaskState:
         """Return the state of a planned run at its beginning."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import typing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -14,9 +15,9 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import PlayedInterval, Presenter, Watch, amplitude
 from tactuator.experiment.procedure.procedure import Playable, Runs
-from tactuator.experiment.protocol.detection import Protocol, plan_runs
-from tactuator.experiment.protocol.file import JudgingProtocol, plan_judging
-from tactuator.experiment.protocol.study import PlannedRun, run_seed
+from tactuator.experiment.protocol.detection import Protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
+from tactuator.experiment.protocol.study import PlannedRun
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.thresholds import thresholds
 from tactuator.experiment.session.task import Envelope, NextTrial, OfferedResponse, Question, Rules, SessionTask
@@ -40,6 +41,16 @@ _LEAST_RISE = 1e-3
 """Start of a drawn ramp, 60 dB below the tone."""
 
 
+class Listener(typing.Protocol):
+    """A simulated person; levels are those of the intervals as felt, (m,), dB re 1 um peak."""
+
+    def respond(self, felt_db_re_1um: FloatArray, frequency_hz: float, rng: np.random.Generator) -> int:
+        """Return the index of the interval in which something was felt."""
+
+    def judge(self, felt_db_re_1um: FloatArray, frequency_hz: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Return how strong each interval feels, dB SL of the person's own curve."""
+
+
 @dataclass(frozen=True)
 class ToneTask(SessionTask):
     """A protocol whose trials play tones, at an apparatus. Raises BadInput for marks on a channel that is not there."""
@@ -50,11 +61,19 @@ class ToneTask(SessionTask):
         if self.protocol.marks is not None:
             self.protocol.marks.end(self.apparatus.rig.rate_hz, self.apparatus.rig.channels)
 
-    def _expected(self, planned: PlannedRun, trials: float, intervals: int) -> tuple[float, float]:
-        hertz, protocol = planned.frequency_hz or self.apparatus.middle_hz, self.protocol
-        played_s = protocol.timing.played_s(hertz, intervals, protocol.marks)
-        trials = protocol.session.practice_trials if planned.practice else trials
-        return float(trials), played_s + self.rules.feedback_s
+    def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
+        """Return the fingers that a run stimulates."""
+        return (planned.finger,)
+
+    def answer_of(self, who: Listener, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
+        """Return what a simulated person answers to a trial whose intervals were felt at these levels, (m,)."""
+        raise NotImplementedError
+
+    def expected(self, planned: PlannedRun) -> tuple[float, float]:
+        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
+        hertz, timing = planned.frequency_hz or self.apparatus.middle_hz, self.protocol.timing
+        played_s = timing.played_s(hertz, max(len(self.question.intervals), 1), self.protocol.marks)
+        return planned.typical_trials, played_s + self.rules.feedback_s
 
     def play(self, following: NextTrial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
         """Play the trial's tones, each on the channel of its finger."""
@@ -142,19 +161,18 @@ class JudgingTask(ToneTask):
         session = self.protocol.session
         return Rules.of(session, self.protocol.timing.feedback_s if session.feedback else 0.0)
 
-    def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
-        """Return practice, then the runs of the task in the subject's order."""
-        return plan_judging(self.protocol, self.words, subject, visit)
+    def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
+        """Return the fingers of the task."""
+        return self.protocol.task.fingers_used()
 
-    def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
-        task = self.protocol.task
-        intervals = max(len(task.asked(self.words).intervals), 1)
-        return self._expected(planned, task.plans(self.words)[planned.part].trials, intervals)
+    def answer_of(self, who: Listener, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
+        """Return the task's response to strengths as that person judges them."""
+        hertz = np.array([tones[0].frequency_hz for tones in trial.tones])
+        return self.protocol.task.response_to(trial, who.judge(felt_db_re_1um, hertz, rng).tolist())
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> TaskState:
         """Return the state of a run at its beginning."""
-        seed = run_seed(self.protocol, subject, planned.position, attempt, visit)
+        seed = self.protocol.run_seed(subject, planned.position, attempt, visit)
         state = self.protocol.task.begin(planned.part, self.place, seed)
         if planned.practice:
             state.limit = self.protocol.session.practice_trials
@@ -226,20 +244,15 @@ class DetectionTask(ToneTask):
             for frequency in self.protocol.conditions.frequencies_hz:
                 keep_off_mains(frequency, self.apparatus.playable(timing), timing)
 
-    def runs(self, subject: int, visit: int = 1) -> tuple[PlannedRun, ...]:
-        """Return practice, then every condition in the subject's order."""
-        return plan_runs(self.protocol, subject, visit, self.words)
-
-    def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
-        trials, intervals = self.protocol.procedure.typical_trials, self.protocol.paradigm.intervals
-        return self._expected(planned, trials, intervals)
+    def answer_of(self, who: Listener, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
+        """Return the interval that the person picks."""
+        return trial.responses[who.respond(felt_db_re_1um, trial.tones[0][0].frequency_hz, rng)]
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionState:
         """Return the state of a run at its beginning, with a fresh procedure."""
         protocol, playable = self.protocol, self.apparatus.playable(self.protocol.timing)
-        procedure = protocol.practice() if planned.practice else protocol.begin(playable)
-        seed = run_seed(protocol, subject, planned.position, attempt, visit)
+        procedure = protocol.begin_practice() if planned.practice else protocol.begin(playable)
+        seed = protocol.run_seed(subject, planned.position, attempt, visit)
         return DetectionState(seed, protocol, planned, procedure)
 
     def reference(self, following: NextTrial, interval: int) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,13 +13,12 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import amplitude
 from tactuator.experiment.procedure.curve_prior import CurveKind
-from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, protocol_hash
-from tactuator.experiment.protocol.study import PlannedRun
+from tactuator.experiment.protocol.file import protocol_hash
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.respondent import Respondent, run_session
-from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.session.studies import open_session, open_study, task_of
 from tactuator.experiment.session.task import Apparatus, Clock, NextTrial
-from tactuator.experiment.session.tone_task import DetectionTask, JudgingTask, ToneTask
+from tactuator.experiment.session.tone_task import ToneTask
 from tactuator.experiment.store.records import PlayedTrial, Visit
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import IntervalRecord, Tone, Trial, trial_rng
@@ -52,7 +52,14 @@ class Observer:
         picked = strongest if noticed.any() else int(rng.choice(level.size, p=even))
         return int(rng.choice(level.size, p=even)) if inattentive else picked
 
+    def judge(self, felt_db_re_1um: ArrayLike, frequency_hz: ArrayLike, rng: np.random.Generator) -> FloatArray:
+        """Return how strong each interval feels, (m,): as far as it lies above the own threshold, with noise, dB SL."""
+        felt_db_sl = np.asarray(felt_db_re_1um) - self.curve.level_db_re_1um_at(frequency_hz)
+        return np.asarray(felt_db_sl + rng.normal(0.0, _JUDGED_SD_DB, felt_db_sl.size))
 
+
+_JUDGED_SD_DB = 2.0
+"""Noise of a felt strength, dB: one in four comparisons of tones 1.9 dB apart is wrong."""
 _LEAST_MM, _UM_PER_MM = 1e-12, 1000.0
 
 
@@ -117,7 +124,7 @@ def with_truths(
 
 def run_study(
     store: Store,
-    protocol: Protocol | JudgingProtocol,
+    protocol: StudyProtocol,
     text: str,
     apparatus: Apparatus,
     people: Sequence[Observer],
@@ -128,23 +135,18 @@ def run_study(
     """Take everybody through their session, resumed if it was begun, and return the study's row in the store.
 
     load: put on the display's ports while fingers are there. show: called with the subject's place and its progress, 0
-    to 1. Raises BadInput where there are not as many people as subjects.
+    to 1. Raises BadInput where there are not as many people as subjects, or they cannot answer.
     """
     require_finger_ports(apparatus.rig, apparatus.name)
     if len(people) != len(protocol.subject):
         raise BadInput(f"{len(people)} people for {len(protocol.subject)} subjects", "as many")
-    if isinstance(protocol, Protocol):
-        if protocol.paradigm.yes_no:
-            got = "1: simulated observers tell intervals apart"
-            raise BadInput(got, "two intervals or more", key="paradigm.intervals")
-        task: ToneTask = DetectionTask(protocol, apparatus)
-        kind: type[AtRig] = AtRig
-    else:
-        task, kind = JudgingTask(protocol, apparatus), Judge
+    protocol.require_observers()
+    task = task_of(protocol, Path(), apparatus)
+    assert isinstance(task, ToneTask)
     mark = protocol_hash(text)[:12]
     study = open_study(store, task, text, clock, lambda code, visit: f"simulated-{mark}-{code}-{visit}")
     for place, (subject, who) in enumerate(zip(protocol.subject, people, strict=True)):
-        session, observer = open_session(study, subject.code, Visit("simulated")), kind(who, task, load)
+        session, observer = open_session(study, subject.code, Visit("simulated")), AtRig(who, task, load)
         try:
             run_session(session, observer, lambda now: show(place, now.progress))  # noqa: B023
         finally:
@@ -164,15 +166,11 @@ class AtRig(Respondent):
         self._felt_mm: dict[str, list[FloatArray]] = {}
         self._ports: list[tuple[Finger, Callable[[FloatArray], None]]] = []
 
-    def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
-        """Return the fingers that a run stimulates."""
-        return (planned.finger,)
-
     def begin(self, following: NextTrial) -> None:
         """Put the fingers on the display."""
         self.leave()
         self._seed, apparatus = following.seed, self.task.apparatus
-        for finger in self.fingers(following.planned):
+        for finger in self.task.fingers(following.planned):
             feel = self._felt_mm.setdefault(finger, []).append
             port = apparatus.rig.finger(apparatus.channel(finger).name)
             port.touch(self._load)
@@ -192,11 +190,7 @@ class AtRig(Respondent):
             max(self._level_db_re_1um(tone, at, felt[tone.finger]) for tone in tones)
             for tones, at in zip(trial.tones, self._played.intervals, strict=True)
         ]
-        return self.answer(trial, np.array(levels), trial_rng((*self._seed, 1), trial.number))
-
-    def answer(self, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
-        """Return the answer to a trial whose intervals were felt at these levels, (m,)."""
-        return trial.responses[self.who.respond(felt_db_re_1um, trial.tones[0][0].frequency_hz, rng)]
+        return self.task.answer_of(self.who, trial, np.array(levels), trial_rng((*self._seed, 1), trial.number))
 
     def _level_db_re_1um(self, tone: Tone, record: IntervalRecord, felt: FloatArray) -> float:
         assert record.onset_s is not None
@@ -214,27 +208,6 @@ class AtRig(Respondent):
             port.touch(None)
         self._ports.clear()
         self._felt_mm.clear()
-
-
-_JUDGED_SD_DB = 2.0
-"""Noise of a felt strength, dB: one in four comparisons of tones 1.9 dB apart is wrong."""
-
-
-class Judge(AtRig):
-    """An observer who judges strength: each interval feels as strong as it lies above the own threshold, with noise."""
-
-    def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
-        """Return the fingers of the task."""
-        assert isinstance(self.task, JudgingTask)
-        return self.task.protocol.task.fingers_used()
-
-    def answer(self, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
-        """Return the task's response to these strengths."""
-        assert isinstance(self.task, JudgingTask)
-        hertz = [tones[0].frequency_hz for tones in trial.tones]
-        felt_db_sl = felt_db_re_1um - self.who.curve.level_db_re_1um_at(hertz)
-        noise_db = rng.normal(0.0, _JUDGED_SD_DB, felt_db_sl.size)
-        return self.task.protocol.task.response_to(trial, (felt_db_sl + noise_db).tolist())
 
 
 @dataclass

@@ -14,7 +14,8 @@ from sqlalchemy import Connection, Integer, Select, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import JudgingProtocol, parse_protocol
+from tactuator.experiment.protocol.file import parse_protocol
+from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found, session_query
