@@ -23,7 +23,7 @@ from timing import in_turn, of_program
 
 import tactuator
 from tactuator.api.parameters import paper_controller, paper_display
-from tactuator.cli.table import top_commands
+from tactuator.cli.commands import top_commands
 from tactuator.model.controller import Controller
 from tactuator.paper import thresholds
 from tactuator.paper.plan import Plan, observers

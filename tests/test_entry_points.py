@@ -12,7 +12,7 @@ from pydantic import Field
 from tactuator import parameters as p
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
-from tactuator.table import plain
+from tactuator.plain import plain
 
 GROUP = "tactuator.procedures"
 

@@ -19,14 +19,15 @@ import tactuator as tt
 from tactuator.api.controller import wordlength
 from tactuator.api.start import curves
 from tactuator.cli import main
-from tactuator.cli.commands import summary
+from tactuator.cli.output import summary
 from tactuator.errors import BadInput
 from tactuator.io.csv_tables import write_curve
 from tactuator.io.reference import open_reference
 from tactuator.model.plant import Load
 from tactuator.paper.reproduce import PaperResult
 from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
-from tactuator.result import Result, finite
+from tactuator.plain import finite
+from tactuator.result import Result
 from tactuator.signals.record import Record
 
 NAMES = [name for name in dir(tt) if name != "__version__"]

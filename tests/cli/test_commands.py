@@ -26,16 +26,17 @@ from tactuator import __version__
 from tactuator.api.option import Option
 from tactuator.api.parameters import RIG_HELP
 from tactuator.api.progress import watched, working
-from tactuator.cli.commands import Bars, answer, command_of, drawn, summary
+from tactuator.cli.command import command_of
+from tactuator.cli.commands import COMMANDS as TABLE
+from tactuator.cli.commands import FIRST, Command, top_commands
 from tactuator.cli.main import build_app
-from tactuator.cli.table import COMMANDS as TABLE
-from tactuator.cli.table import FIRST, Command, top_commands
+from tactuator.cli.output import Bars, answer, drawn, summary
 from tactuator.entry_points import plugins
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
-from tactuator.result import Fact, Result, data, finite, found
+from tactuator.plain import finite, with_error
+from tactuator.result import Fact, Result, ResultTable, data, found
 from tactuator.rig.open import RIGS
-from tactuator.table import ResultTable, with_error
 from tools.cli_reference import PAGE, reference, sorted_commands
 
 HEAVY = ("numpy", "scipy", "h5py", "matplotlib", "soundfile", "sqlalchemy", "fastapi", "rich")
@@ -321,7 +322,7 @@ def trial():
 module = types.ModuleType("tactuator.trial")
 module.trial = trial
 sys.modules["tactuator.trial"] = module
-table = import_module("tactuator.cli.table")
+table = import_module("tactuator.cli.commands")
 table.COMMANDS["trial"] = table.Command("trial", "trial:trial", "Try.", "Trials")
 sys.argv = ["tactuator", "trial"]
 sys.exit(program.main())
@@ -394,7 +395,7 @@ exec(open({program!r}).read())
         ("tactuator.cli", "at_once"),
         ("typing", "in_a_callback"),
         ("typer", "in_a_callback"),
-        ("tactuator.cli.commands", "at_once"),
+        ("tactuator.cli.command", "at_once"),
         ("tactuator.api.controller", "turned_by_a_library"),
     ],
 )

@@ -22,7 +22,7 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller
 from tactuator.io.shipped import EXAMPLES
 from tactuator.model.verdict import finding_row
-from tactuator.report.tables import design_rows
+from tactuator.report.printed import design_rows
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.synthesis.verdict import whole_verdict

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tactuator.errors import BadInput
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact, RelativeCurve, ThresholdCurve, curve, curve_names
-from tactuator.table import plain
+from tactuator.plain import plain
 
 HERTZ = np.array([2.0, 8.0, 30.0, 60.0, 100.0, 160.0, 250.0, 300.0])
 LEVELS = np.array([10.0, 20.0, 30.0, 45.0])

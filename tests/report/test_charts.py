@@ -20,7 +20,8 @@ from tactuator.report.chart import chart_figure, draw
 from tactuator.report.design_figures import design_figures, resolution_figure, save_design_figures
 from tactuator.report.figure import ReportFigure
 from tactuator.report.nichols import hull, nichols_figure
-from tactuator.report.tables import design_rows, printed_factors, printed_polynomial
+from tactuator.report.printed import design_rows, printed_factors, printed_polynomial
+from tactuator.result import Chart, ChartLine
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.record import Record
@@ -28,7 +29,6 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
-from tactuator.table import Chart, ChartLine
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 from tests.report.boxes import assert_texts_apart, boxes
 from tests.synthesis.displays import channel, paper_controller, three_finger_controller, three_fingers

@@ -18,6 +18,7 @@ from tactuator.model.requirements import FeedbackRequirements, Touch
 from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
+from tactuator.plain import plain
 from tactuator.rig.board.commissioning import safety_table
 from tactuator.runtime.simulation import Simulation
 from tactuator.signals.decibels import db, from_db
@@ -30,7 +31,6 @@ from tactuator.synthesis.monte_carlo import monte_carlo
 from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_error_db
 from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, push_responses
 from tactuator.synthesis.verdict import AT_LOWEST, judge, judge_channel
-from tactuator.table import plain
 from tests.griffin import distance_db, griffin
 from tests.rig.guard import guarded
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display

@@ -1,4 +1,4 @@
-"""From a model to an image: design, check, wordlength, build, image."""
+"""From a model to a board: design, check, wordlength, build, image, acknowledge."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
@@ -21,13 +21,13 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.plant import HIGHEST_RATE_HZ
 from tactuator.model.verdict import Verdict
-from tactuator.result import Fact, Result, found
+from tactuator.result import Fact, Result, ResultTable, found
+from tactuator.rig.open import acknowledge_faults
 from tactuator.runtime.image import ImageRefusal, check_image, read_image_header
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 from tactuator.synthesis.monte_carlo import plants_table
 from tactuator.synthesis.verdict import whole_verdict
-from tactuator.table import ResultTable
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, at_rate, controller_bits
 from tactuator.wordlength.float32_check import Float32Check, built, check_float32
 
@@ -299,3 +299,24 @@ def image(
         raise refusal.error(f"{file}", "image")
     asked = str(controller) if isinstance(controller, str | Path) else loaded.content_hash
     return replace(read_of, asked=asked, is_of_controller=loaded.content_hash == read_of.controller)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AcknowledgedResult(Result):
+    """Faults of a board that were acknowledged."""
+
+    rig: str
+    sensor_faults: int
+
+    def facts(self) -> Sequence[Fact]:
+        return [
+            Fact("rig", self.rig, "board", summary=True),
+            Fact("sensor_faults", self.sensor_faults, "sensor and travel faults acknowledged", summary=True),
+        ]
+
+
+def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:
+    """Tell a board that its sensor faults are known. After three of them it stays off until then."""
+    if not rig.startswith("board:"):
+        raise BadInput(f"rig {rig!r} is no connected board", "board:PORT or board:URL")
+    return AcknowledgedResult(rig, acknowledge_faults(rig.removeprefix("board:")))

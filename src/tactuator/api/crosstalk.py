@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.measure.crosstalk import Crosstalk, FeltLevel
-from tactuator.result import Fact, Result, columns_of, found
-from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
+from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, ResultTable, columns_of, found
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,12 +18,11 @@ from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.report.tables import design_rows, printed_factors
-from tactuator.result import Fact, Result, found, in_a_line
+from tactuator.report.printed import design_rows, printed_factors
+from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, ResultTable, found, in_a_line
 from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.verdict import whole_verdict
-from tactuator.table import FREQUENCY, Chart, ChartLine, ResultTable
 
 
 class ControllerResult(Result, Controller):

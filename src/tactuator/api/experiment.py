@@ -42,9 +42,9 @@ from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_relative_curve, write_curve
 from tactuator.parameters import from_table
 from tactuator.perception.curve import RelativeCurve
-from tactuator.result import Fact, Result, columns_of, data, finite, found
+from tactuator.plain import finite
+from tactuator.result import NOBODY_FELT_IT, Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.rig import require_finger_ports, usual_load
-from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
 StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql+pg8000://...", type=str)]

@@ -11,7 +11,7 @@ from tactuator.api.option import Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, Seed, chosen_controller
 from tactuator.api.progress import working
 from tactuator.io.atomic import atomic_folder, write_text
-from tactuator.result import Fact, Result, found
+from tactuator.result import Fact, Result, ResultTable, found
 from tactuator.speech.items import (
     CUTANEOUS,
     KINESTHETIC,
@@ -23,7 +23,6 @@ from tactuator.speech.items import (
 )
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.speech.taps import CODES, layout_notes, read_layout, usual_layout
-from tactuator.table import ResultTable
 
 PROTOCOL = "protocol.toml"
 LAYOUT_HELP = "Of phonemes: CSV of tactor (1 to 24) and channel (a name)."

@@ -30,8 +30,8 @@ from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_matrix
-from tactuator.result import Fact, Result, data, found
-from tactuator.table import NOBODY_FELT_IT, ResultTable, picked
+from tactuator.plain import picked
+from tactuator.result import NOBODY_FELT_IT, Fact, Result, ResultTable, data, found
 
 
 @dataclass(frozen=True, eq=False, repr=False)

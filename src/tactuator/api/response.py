@@ -55,11 +55,11 @@ from tactuator.measure.response import multisine_response, stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.result import Fact, Result, columns_of, data, found
+from tactuator.plain import picked
+from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.rig import Rig, usual_load
 from tactuator.signals.multisine import over_the_band
 from tactuator.signals.record import Response
-from tactuator.table import Chart, ChartLine, ResultTable, picked
 
 _LEVEL = ("--level-db-sl", "--level")
 _LIFTED_S = 3.0

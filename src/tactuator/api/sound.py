@@ -17,11 +17,11 @@ from tactuator.errors import BadInput, NoDesign
 from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEqualiser, calibrate
 from tactuator.model.description import Display
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.result import Fact, Result, columns_of, data, found
+from tactuator.plain import picked
+from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.cards import Card, Delay, full_scale_v, list_cards, measure_delay, tone, wire_display
 from tactuator.rig.sound.rig import SoundRig
-from tactuator.table import Chart, ChartLine, ResultTable, picked
 
 Device = Annotated[str, Option("Card, as `tactuator sound devices` lists it.")]
 RateHz = Annotated[float, Option("Sampling rate.")]

@@ -30,7 +30,7 @@ from tactuator.api.progress import working
 from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.result import Fact, Result, columns_of, data, found
+from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.player import Played, Wish, play_reference
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.coding import coding_of, write_coding
@@ -38,7 +38,6 @@ from tactuator.speech.folder import RenderedFolder, render_folder, workers_of
 from tactuator.speech.options import CODING, LEVEL_DB_SL
 from tactuator.speech.render import Rendered, RenderJob, kind_of_source, render_file
 from tactuator.speech.taps import read_layout
-from tactuator.table import Chart, ChartLine, ResultTable
 
 CODING_HELP = "Of speech: direct, bands, envelope, yuan-2005, bratakos-2001, or FILE.toml."
 MOST_LOSS_DB = 3.0

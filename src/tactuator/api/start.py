@@ -32,9 +32,8 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.parameters import parameters
 from tactuator.perception import curve as library
 from tactuator.perception.curve import Contact, ThresholdCurve
-from tactuator.result import Fact, Result, found
+from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, found
 from tactuator.signals.record import Record
-from tactuator.table import Chart, ChartLine, ResultTable
 
 
 @dataclass(frozen=True, eq=False, repr=False)

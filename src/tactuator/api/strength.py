@@ -20,8 +20,7 @@ from tactuator.experiment.task.matching import evidence_table, pairs_table
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import resolve_curve, write_contours
 from tactuator.perception.contours import Contours
-from tactuator.result import Fact, Result, columns_of, found
-from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine, ResultTable
+from tactuator.result import NOBODY_FELT_IT, Chart, ChartLine, Fact, Result, ResultTable, columns_of, found
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,6 +1,6 @@
 """The command line `tactuator COMMAND ... [--json]`; it only asks and prints, and computes nothing.
 
-`table` names the commands, `app` lists them, `commands` makes them out of the signatures in `tactuator.api` and prints
+`commands` names the commands, `app` lists them, `command` makes one of a signature in `tactuator.api`, `output` prints
 results, `main` keeps the promises that hold for all: exit status 0 (done), 1 (done, and the verdict is no), 2 (bad
 input or no design), 3 (a device failed), both told in one line on standard error, 130 (interrupted), 70 (a defect of
 tactuator, with its traceback).

@@ -8,7 +8,7 @@ from typer._click import Context, HelpFormatter
 from typer.core import TyperGroup
 
 import tactuator
-from tactuator.cli.table import COMMANDS, FIRST, GROUPS, subcommands, top_commands
+from tactuator.cli.commands import COMMANDS, FIRST, GROUPS, subcommands, top_commands
 
 ABOUT = "Design and test tactile displays that feel equally strong at every frequency."
 

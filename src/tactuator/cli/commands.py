@@ -1,256 +1,97 @@
-"""Commands of the functions' signatures: the only place that knows how a parameter is spelled on the command line; and
-what is printed of a result: one JSON object for programs, or text for people; progress goes to standard error.
+"""The commands by name, in groups in the order of the chain: each with its function and its help sentence.
+
+A name of two words is a subcommand of the first. The sentence is the first one of the function's docstring (a test
+holds the two together): `--help` needs none of the modules, and a command imports the module of its own function only.
 """
 
-import inspect
-import json
-import re
-import sys
-import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import Any, get_args, get_origin
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
-import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group
-from rich.measure import Measurement
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
 
-from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
-from tactuator.api.progress import Step, watched
-from tactuator.errors import BadInput, Interrupted
-from tactuator.io.atomic import check_parent
-from tactuator.io.text import parse_toml, read_text
-from tactuator.result import Result, finite
-from tactuator.table import ResultTable
+@dataclass(frozen=True)
+class Command:
+    """A command: its name, its function ("module:function" below tactuator), its sentence and its group."""
 
-DOES_NOT_HOLD = 1
-"""Exit status of a command whose result does not hold: a requirement is not met, a model not trusted."""
+    name: str
+    place: str
+    sentence: str
+    group: str
 
-_ANSWERS = {
-    "as_json": Option("Print exactly one JSON object on standard output.", ("--json",)),
-    "full": Option("Print the tables, not the summary alone.", ("--full",)),
+    def function(self) -> Callable[..., Any]:
+        """Import the function."""
+        module, _, name = self.place.partition(":")
+        function: Callable[..., Any] = getattr(import_module(f"tactuator.{module}"), name)
+        return function
+
+    def load(self) -> Callable[..., None]:
+        """Import the function and what makes a command of it."""
+        command: Callable[..., None] = import_module("tactuator.cli.command").command_of(self.function())
+        return command
+
+
+_START, _PAGE, _MODEL = "Files to start from", "The chain on a page", "From a record to a model"
+_BOARD, _DISPLAY, _SOUND = "From a model to a controller on a board", "What the display does", "Displays on sound cards"
+_PERSON, _SPEECH, _PAPER = "What a person feels", "Speech", "The paper"
+
+_ROWS = (
+    (_START, "init", "api.start:init", "Write a display file to start from, or copy the examples."),
+    (_PAGE, "console", "console.serve:console", "Serve a page to shape a loop, and to drive a rig."),
+    (_MODEL, "calibrate", "api.model:calibrate", "Find the sensor gain from displacement and voltage."),
+    (_MODEL, "record", "api.model:record", "Drive one channel and record."),
+    (_MODEL, "identify", "api.model:identify", "Identify a model of a recorded mechanism."),
+    (_BOARD, "design", "api.controller:design", "Design loop and prefilter of every channel."),
+    (_BOARD, "check", "api.controller:check", "Judge a controller by the paper's four objectives."),
+    (_BOARD, "wordlength", "api.controller:wordlength", "Count the bits that a controller's coefficients need."),
+    (_BOARD, "build", "api.controller:build", "Write a controller as the image that a board loads."),
+    (_BOARD, "image", "api.controller:image", "Show what a firmware image contains."),
+    (_BOARD, "acknowledge", "api.controller:acknowledge", "Tell a board that its sensor faults are known."),
+    (_DISPLAY, "noise", "api.response:noise", "Compare felt hum and noise with the threshold."),
+    (_DISPLAY, "measure", "api.response:measure_response", "Measure the response at a level, with confidence."),
+    (_DISPLAY, "crosstalk", "api.response:crosstalk", "Measure what the other fingers feel of one channel."),
+    (_DISPLAY, "disturb", "api.response:disturb", "Test how the loop rejects presses and tremor."),
+    (_DISPLAY, "finger", "api.response:finger", "Estimate the impedance of the touching finger."),
+    (_SOUND, "sound devices", "api.sound:devices", "Show the sound cards."),
+    (_SOUND, "sound latency", "api.sound:latency", "Measure the delay through a wire."),
+    (_SOUND, "sound calibrate", "api.sound:calibrate_output", "Turn a multimeter's reading into volts at full scale."),
+    (_SOUND, "calibrate-display", "api.sound:calibrate_display", "Calibrate a display without loop on a sound card."),
+    (_PERSON, "curves", "api.start:curves", "List the threshold curves of the library, and your own."),
+    (_PERSON, "experiment serve", "web.serve:serve", "Serve the study to browsers."),
+    (_PERSON, "experiment enrol", "api.experiment:enrol", "Add a subject, or a further visit of one."),
+    (_PERSON, "experiment correct", "api.experiment:correct", "Correct the data of a subject or a visit."),
+    (_PERSON, "experiment observe", "api.experiment:observe", "Run simulated subjects through a study."),
+    (_PERSON, "experiment thresholds", "api.experiment:thresholds", "Refit thresholds of every finished run."),
+    (_PERSON, "experiment contours", "api.strength:contours", "Estimate equal-strength contours from matches."),
+    (_PERSON, "experiment judged", "api.strength:judged", "Summarise the results of a judging task."),
+    (_PERSON, "experiment export", "api.experiment:export", "Write every answered trial in an open format."),
+    (_PERSON, "experiment waveforms", "api.items:waveforms", "Write waveforms and a protocol that asks for them."),
+    (_PERSON, "experiment phonemes", "api.items:phonemes", "Write TAPS's phonemes and a protocol for them."),
+    (_PERSON, "experiment recognise", "api.recognition:recognise", "Run a recognition experiment with a subject."),
+    (_PERSON, "experiment information", "api.recognition:information", "Estimate information transfer in five ways."),
+    (_PERSON, "experiment backup", "api.experiment:backup", "Copy a store whole, also while it is served."),
+    (_PERSON, "experiment simulate", "api.experiment:simulate", "Assess how accurate a procedure's estimates are."),
+    (_SPEECH, "render", "api.speech:render", "Render speech, clips or phonemes to a reference in dB SL."),
+    (_SPEECH, "play", "api.speech:play", "Play a reference."),
+    (_PAPER, "reproduce", "paper.reproduce:reproduce", "Run the paper's study on the simulated display."),
+)  # fmt: skip
+COMMANDS = {name: Command(name, place, sentence, group) for group, name, place, sentence in _ROWS}
+
+GROUPS = {
+    "sound": "List sound cards, measure their delay and volts.",
+    "experiment": "Run, simulate, analyse and export experiments.",
 }
-"""Options of every command that ends by itself."""
-LINES = 10
-"""A summary has no more."""
+"""Commands that have subcommands, each with its sentence."""
+
+FIRST = ("init", "calibrate", "identify", "design", "check", "measure", "experiment", "render")
+"""Commands that a newcomer needs."""
 
 
-def command_of(function: Callable[..., Any]) -> Callable[..., None]:
-    """Return the command of a function: it looks for the files that are read, calls it and prints its result.
-
-    A function that returns nothing is at work until it is interrupted, and has neither `--json` nor `--full`.
-    """
-    signature = inspect.signature(function)
-    options = {name: option_in(parameter.annotation) for name, parameter in signature.parameters.items()}
-    known = {name: option for name, option in options.items() if option is not None}
-    ends = signature.return_annotation is not None
-
-    def command(**given: Any) -> None:
-        as_json, full = given.pop("as_json", False), given.pop("full", False)
-        for name, option in known.items():
-            if option.file:
-                _look_for(name, given[name])
-        _keep_what_is_read(known, given)
-        places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
-        for place in places:
-            if place.suffix:  # folders are made with those above them
-                check_parent(place)
-        before = {place: _changed_ns(place) for place in places}
-        try:
-            with watched(Bars()):
-                result = function(**given)
-            if result is None:
-                return
-            answer(result, as_json, full, [place for place in places if place.exists() and result.ending is None])
-        except KeyboardInterrupt as error:
-            written = [str(place) for place in places if _changed_ns(place) != before[place]]
-            written += getattr(error, "__notes__", ())
-            if not (places or written):
-                raise
-            raise Interrupted(f"interrupted; written: {', '.join(written) or 'nothing'}") from None
-        if result.ending is not None:
-            raise result.ending
-        if not result.holds:
-            raise typer.Exit(DOES_NOT_HOLD)
-
-    parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
-    if ends:
-        parameters += [_typer_parameter(_SWITCH, option, name) for name, option in _ANSWERS.items()]
-    command.__name__ = function.__name__
-    command.__doc__ = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
-    vars(command)["__signature__"] = inspect.Signature(parameters)
-    return command
+def top_commands() -> tuple[str, ...]:
+    """Return the first words of all commands, in the order of the chain."""
+    return tuple(dict.fromkeys(name.partition(" ")[0] for name in COMMANDS))
 
 
-_SWITCH = inspect.Parameter("switch", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=bool)
-
-
-def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) -> inspect.Parameter:
-    default = parameter.default if option.shell is AS_IN_PYTHON else option.shell
-    required = default is inspect.Parameter.empty or default is ...
-    annotation = get_args(parameter.annotation)[0] if get_origin(parameter.annotation) else parameter.annotation
-    kind = option.type or (_path_type(required or default is not None) if option.file or option.writes else annotation)
-    more: dict[str, Any] = {"help": option.help, "metavar": option.metavar}
-    if option.ge is not None or option.le is not None:
-        more |= {"min": option.ge, "max": option.le}
-    if isinstance(option, Argument):
-        spelled: Any = typer.Argument(... if required else default, **more)
-    else:
-        names = option.names or (f"--{name.replace('_', '-')}",)
-        spelled = typer.Option(... if required else default, *names, **more)
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=spelled, annotation=kind)
-
-
-def _path_type(certain: bool) -> Any:
-    return Path if certain else Path | None
-
-
-def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
-    """Raise BadInput where what is written would replace what is read: an argument, or what a TOML file names."""
-    inputs = [
-        (name, path)
-        for name, option in known.items()
-        if option.file or not option.writes
-        for given_path in _paths(given[name])
-        for path in (given_path, *_named_in(given_path))
-    ]
-    for name, option in known.items():
-        for place in _paths(given[name]) if option.writes and not option.file else ():
-            for read, path in inputs:
-                if place.is_file() and _is_same(place, path):
-                    raise BadInput(f"{name} {place} is read as {read}, or by it", "another name")
-
-
-def _changed_ns(place: Path) -> int:
-    return place.stat().st_mtime_ns if place.exists() else 0
-
-
-def _is_same(place: Path, path: Path) -> bool:
-    try:
-        return place.samefile(path)
-    except (OSError, ValueError):  # no file can have such a name, or none has
-        return False
-
-
-def _named_in(path: Path) -> tuple[Path, ...]:
-    """Return what the texts of a TOML file name from its folder, but for what is `measured` anew."""
-    try:
-        document = parse_toml(read_text(path)) if path.suffix == ".toml" else {}
-    except BadInput:  # it is refused where it is read
-        return ()
-    return tuple(path.parent / text for text in _texts_of(document))
-
-
-def _texts_of(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    values = value.items() if isinstance(value, dict) else enumerate(value if isinstance(value, list) else ())
-    for key, each in values:
-        yield from _texts_of(each) if key != "measured" else ()
-
-
-def _paths(value: Any) -> tuple[Path, ...]:
-    """Return the paths that a value may be: none of what is no text."""
-    values = value if isinstance(value, list | tuple) else (value,)
-    return tuple(Path(each) for each in values if isinstance(each, str | Path))
-
-
-def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
-    for path in _paths(paths):
-        try:
-            path.stat()
-        except OSError as error:
-            raise BadInput(f"{name} {path}: {error.strerror}", "one that can be read") from None
-
-
-def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] = ()) -> None:
-    """Print `result` and the files that were written: as exactly one JSON object, as its tables, or as a summary.
-
-    Text is printed as it is: "[dB SL]" is a unit, not markup. In the JSON, numbers that JSON cannot say (infinite, not
-    a number) are null; complex numbers are [re, im].
-    """
-    for notice in result.notices():
-        sys.stderr.write(f"tactuator: {notice}\n")
-    if as_json:
-        sys.stdout.write(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
-        return
-    console = Console(file=sys.stdout, markup=False, highlight=False)
-    places = [f"written: {path}" for path in written]
-    if not full:
-        console.print(*summary(result, places, console.width), sep="\n", soft_wrap=True)
-        return
-    parts = result.all_tables()
-    shown = [Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in parts]
-    console.print(*shown, *places, sep="\n")
-
-
-def summary(result: Result, places: Sequence[str], width: int) -> list[str]:
-    """Return at most ten lines: what was found, what to do next, and what was written."""
-    step = result.next_step()
-    last = _wrapped([*([f"next: {step}"] if step else []), *places], width)
-    lines = _wrapped([f"{words}: {text}" for words, text in result.headline().items()], width)
-    room = LINES - len(last)
-    return [*(lines if len(lines) <= room else [*lines[: room - 1], "more: --full"]), *last]
-
-
-def _wrapped(texts: Sequence[str], width: int) -> list[str]:
-    """Return texts as lines of a width, broken between words; a path is never broken."""
-    return [
-        line
-        for text in texts
-        for line in textwrap.wrap(text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
-    ]
-
-
-def drawn(content: ResultTable, console: Console) -> Table:
-    """Return a table as wide as the console lets it be: no word is broken where there is room for all of them, and no
-    number where there is room for those.
-    """
-    table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
-    firm, least, most, wide = list[int](), list[int](), list[int](), console.options.update(max_width=10_000)
-    for name, *cells in zip(content.columns, *content.rows, strict=True):
-        sizes = [Measurement.get(console, wide, Text(cell)) for cell in (name, *cells)]
-        most.append(max(size.maximum for size in sizes))
-        least.append(most[-1] if name in content.whole else max(size.minimum for size in sizes))
-        firm.append(max((len(word) for cell in cells for word in cell.split() if re.search(r"\d", word)), default=1))
-        table.add_column(name, overflow="fold", no_wrap=name in content.whole)
-    for row in content.rows:
-        table.add_row(*map(Text, row))
-    room = console.width - len(most) - 1
-    fits = room >= sum(least)
-    low, high = (least, most) if fits else (firm, least)
-    spare = room - sum(low)
-    apart = int(fits and spare >= len(most))
-    table.padding, spare = (0, apart, 0, 0), spare - apart * len(most)
-    if 0 <= spare < sum(high) - sum(low):
-        for column, word, line in zip(table.columns, low, high, strict=True):
-            column.width = word + spare * (line - word) // (sum(high) - sum(low))
-    return table
-
-
-class Bars:
-    """Bars on standard error, one below the other, gone when done; nothing where nobody watches (no terminal)."""
-
-    def __init__(self) -> None:
-        self._shown: Progress | None = None
-
-    @contextmanager
-    def __call__(self, text: str, total: float | None) -> Iterator[Step]:
-        """Show a bar for a stretch of work."""
-        if not sys.stderr.isatty():
-            yield lambda done=None, total=None, text=None: None
-            return
-        with ExitStack() as stack:
-            if self._shown is None:
-                columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-                self._shown = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
-                stack.callback(setattr, self, "_shown", None)
-            shown, task = self._shown, self._shown.add_task(text, total=total)
-            yield lambda done=None, total=None, text=None: shown.update(
-                task, completed=done, total=total, description=text
-            )
+def subcommands(name: str) -> tuple[str, ...]:
+    """Return the subcommands of a command, none where it has none."""
+    return tuple(full.partition(" ")[2] for full in COMMANDS if full.startswith(f"{name} "))

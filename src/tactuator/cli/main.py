@@ -14,7 +14,7 @@ import typer
 from typer.exceptions import TyperException
 
 from tactuator.cli.app import build_app
-from tactuator.cli.table import COMMANDS, GROUPS, subcommands, top_commands
+from tactuator.cli.commands import COMMANDS, GROUPS, subcommands, top_commands
 from tactuator.errors import BadInput, Interrupted, TactuatorError, likely
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143

@@ -19,8 +19,8 @@ from tactuator.console.requests import DEFECT, LOGGER, Answer, Functions, bound,
 from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
+from tactuator.plain import picked
 from tactuator.report.nichols import MARKS_HZ
-from tactuator.table import picked
 from tactuator.web.sockets import first_to_end, send
 
 

@@ -21,7 +21,7 @@ from tactuator.io.text import parse_toml, read_text
 from tactuator.model.description import SHARED_TABLES, Channel, keys_of
 from tactuator.model.plausibility import channel_reasons
 from tactuator.parameters import choices, default, parameters
-from tactuator.table import picked
+from tactuator.plain import picked
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.]+)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"^(\s*(\w+)\s*=\s*)(.*)$")

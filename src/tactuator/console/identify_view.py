@@ -20,9 +20,9 @@ from tactuator.identification.result import Identification
 from tactuator.io.model import identified_text
 from tactuator.io.record import measured_columns, measured_of
 from tactuator.model.plant_model import PlantModel
+from tactuator.plain import picked
 from tactuator.signals.record import FrequencyResponse, Record
 from tactuator.signals.spectra import power_spectrum
-from tactuator.table import ResultTable, picked
 
 _SPECTRUM_LINES = 700
 _LEAST = 1e-300
@@ -81,7 +81,7 @@ def model(
     measured = measured_of(path, measured_columns(path), **names, rate_hz=rate_hz)
     options: dict[str, Any] = {"rate_hz": rate_hz, "order": order, "zeros": zeros, "hold": hold}
     fit = identify(measured, input, output, time_name=time, validate=unseen, **options)
-    table, trust = (table for table in fit.tables() if isinstance(table, ResultTable))
+    table, trust = fit.tables()
     command = command_line(
         "identify",
         path.name,

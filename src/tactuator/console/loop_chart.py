@@ -15,7 +15,7 @@ from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import FELT_MINUS_ASKED, FINDING_COLUMNS, Finding, Verdict, finding_row, verdict_of
 from tactuator.processors import single_threaded
 from tactuator.report.nichols import GAIN_LEVELS_DB, MARKS_HZ, hull
-from tactuator.report.tables import design_rows
+from tactuator.report.printed import design_rows
 from tactuator.signals.decibels import db
 from tactuator.signals.loop_figures import LoopFigures, around_modes_hz, continuous_phase_deg
 from tactuator.signals.systems import SampledSystem

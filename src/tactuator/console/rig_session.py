@@ -21,9 +21,9 @@ from tactuator.measure.options import MeasurementOptions
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.perception.curve import AMPLITUDE_JND_DB
+from tactuator.plain import picked
 from tactuator.signals.decibels import db
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v
-from tactuator.table import picked
 
 _CURVE_POINTS = 120
 

@@ -36,6 +36,7 @@ from tactuator.measure.error import ResponseLevels, as_read
 from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
+from tactuator.plain import picked
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig, Trace, WrappedRig, touch_all
@@ -45,7 +46,6 @@ from tactuator.rig.sound.stream import CardGone
 from tactuator.rig.transport import LinkDown
 from tactuator.signals.record import Response
 from tactuator.synthesis.felt import felt_db_sl
-from tactuator.table import picked
 
 BLOCK_S = 0.02
 """Length of the generator's blocks: an order waits at most that long for the next one."""

@@ -36,9 +36,8 @@ from tactuator.identification.uncertainty import left_over, log_slopes, other_fo
 from tactuator.model.plant_model import DB, Z95, Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.processors import single_threaded
-from tactuator.result import Fact
+from tactuator.result import Fact, ResultTable
 from tactuator.signals.record import FrequencyResponse
-from tactuator.table import ResultTable
 
 _STEPS, _FEW_STEPS = 40, 10
 """Steps of a descent that is to end, and of one that only ranks forms."""
@@ -64,7 +63,7 @@ class ResponseFit(Fitted):
         """Return why the model is not to be trusted, empty if it is."""
         return self.model.distrust
 
-    def tables(self) -> Sequence[ResultTable | str]:
+    def tables(self) -> Sequence[ResultTable]:
         """Return the model with its confidence, and what it is trusted by."""
         title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"
         return [ResultTable(title, ("what", "value"), tuple(_rows(self))), trust_table(self.model)]

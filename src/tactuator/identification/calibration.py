@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.errors import BadInput
 from tactuator.model.plausibility import pairs_doubts
-from tactuator.result import Fact, Result, data, found
-from tactuator.table import Chart, ChartLine, picked
+from tactuator.plain import picked
+from tactuator.result import Chart, ChartLine, Fact, Result, data, found
 
 _LARGEST, _SMALLEST = 1e9, 1e-12
 """Largest number (mm, V) and smallest range: far beyond any sensor, and their squares are still numbers."""

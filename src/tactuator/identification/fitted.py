@@ -14,8 +14,8 @@ from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
-from tactuator.result import Fact, Result, data, found
-from tactuator.table import Chart, ResultTable, picked, plain
+from tactuator.plain import picked, plain
+from tactuator.result import Chart, Fact, Result, ResultTable, data, found
 
 DELAY_SAYS = (
     "delay_s is everything between the command and the position as recorded, the laboratory's converters and filters "

@@ -19,9 +19,9 @@ from tactuator.identification.residual_tests import ResidualTests
 from tactuator.identification.trust import FASTEST, GROWING
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import DB, Z95, PlantModel, QualityCheck, reasons
-from tactuator.result import Fact, data
+from tactuator.plain import picked, with_error
+from tactuator.result import Chart, ChartLine, Fact, ResultTable, data
 from tactuator.signals.decibels import db
-from tactuator.table import Chart, ChartLine, ResultTable, picked, with_error
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class Identification(Fitted):
         half = DB * Z95 * error
         return self.model.chart(ChartLine("record, ± 95 %", hertz, db(value), "o", half, colour=1))
 
-    def tables(self) -> Sequence[ResultTable | str]:
+    def tables(self) -> Sequence[ResultTable]:
         """Return the model with its confidence, and what it is trusted by."""
         title = f"{self.model.method}: {self.order} poles, {self.model.num.size - 1} zeros"
         rows = tuple(_rows(self, self.about or {}))

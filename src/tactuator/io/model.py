@@ -16,8 +16,8 @@ from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_finite_json
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.parameters import from_table
+from tactuator.plain import plain
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import plain
 
 FORMAT = "tactuator-model/1"
 _FAMILY = 8

@@ -34,7 +34,7 @@ from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Channel
 from tactuator.parameters import Number, Positive, table
-from tactuator.table import brief, plain
+from tactuator.plain import brief, plain
 
 FULL_SCALE_DB_SL = 60.0
 BLOCK_FRAMES = 1 << 14

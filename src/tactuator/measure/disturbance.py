@@ -18,13 +18,13 @@ from tactuator.measure.response import check_frequencies
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
+from tactuator.plain import brief
 from tactuator.rig.rig import Finger, Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.excitation import ramps
 from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, mean_of_blocks, off_mains
 from tactuator.signals.systems import SampledSystem
-from tactuator.table import brief
 
 TREMOR_HZ = (4.0, 12.0)
 """Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""

@@ -24,11 +24,11 @@ from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import FELT_BAND_HZ
+from tactuator.plain import brief
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import raised_ends
 from tactuator.signals.spectra import Band, SlidingWindow, third_octave_bands
-from tactuator.table import brief
 
 LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
 LONG_UP_TO_HZ = 40.0

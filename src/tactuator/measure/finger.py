@@ -22,11 +22,11 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import Load
 from tactuator.perception.curve import FELT_BAND_HZ, check_level
+from tactuator.plain import brief
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import from_db
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.multisine import Periods, multisine, odd_lines
-from tactuator.table import brief
 
 ONE, CHAIN, NEITHER, CANNOT_TELL = "one", "chain", "neither", "cannot tell"
 FELT_ALIKE_DB = 0.25

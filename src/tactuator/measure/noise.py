@@ -23,6 +23,7 @@ from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.perception.curve import FELT_BAND_HZ
+from tactuator.plain import brief
 from tactuator.rig.rig import Rig, require_sensors
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import discretise
@@ -40,7 +41,6 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
-from tactuator.table import brief
 
 _QUIET_BAND = (0.25, 0.45)
 """Of the rate: where the density of the noise is read."""

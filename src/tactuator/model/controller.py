@@ -17,8 +17,8 @@ from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Display, display_document, document_hash
 from tactuator.parameters import NotNegative, Number, Numbers, Positive, Whole, kept_by, table
 from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.plain import brief, plain
 from tactuator.signals.systems import SampledSystem, check_sections
-from tactuator.table import brief, plain
 
 PREVIEW_MAX = 16
 """Samples from the command to the reading that the core's model can look ahead."""

@@ -37,10 +37,10 @@ from tactuator.parameters import (
 )
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import COMFORT_DB_SL, Contact, ThresholdCurve, threshold_chart
-from tactuator.result import Fact, Result, data, found
+from tactuator.plain import brief, plain
+from tactuator.result import Chart, Fact, Result, data, found
 from tactuator.signals.decibels import from_db
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import Chart, brief, plain
 
 
 def document_hash(document: dict[str, Any]) -> str:

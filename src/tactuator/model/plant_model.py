@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.parameters import Flag, Number, Numbers, table
-from tactuator.result import Fact, Result, data, fields_of, found
+from tactuator.plain import brief
+from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, data, fields_of, found
 from tactuator.signals.decibels import db
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import FREQUENCY, Chart, ChartLine, brief
 
 Decides = Literal["refuses trust", "narrows the valid range", "cannot tell"]
 

@@ -18,11 +18,11 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.plant_model import DB
 from tactuator.model.plausibility import response_doubts
+from tactuator.plain import brief
 from tactuator.signals.decibels import db
 from tactuator.signals.magnitude import MagnitudeGoal, fit_within
 from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
-from tactuator.table import brief
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16)
 """Numbers of poles that are tried."""

@@ -12,9 +12,9 @@ from enum import StrEnum
 from typing import Any
 
 from tactuator.perception.curve import AMPLITUDE_JND_DB
-from tactuator.result import Fact, Result, data, found
+from tactuator.plain import brief
+from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, data, found
 from tactuator.signals.decibels import db
-from tactuator.table import Chart, ChartLine, ResultTable, brief
 
 OBJECTIVES = {
     "i": "what is felt is what was asked: |H| follows the threshold curve over the band, without load",

@@ -15,8 +15,7 @@ from tactuator.paper.report import OWN_NAMES, publish
 from tactuator.paper.run import STEPS, run_study
 from tactuator.paper.steps import check_speech
 from tactuator.paper.summary import comparison, summary
-from tactuator.result import Fact, Result, columns_of, data, found
-from tactuator.table import ResultTable
+from tactuator.result import Fact, Result, ResultTable, columns_of, data, found
 
 _SUMMARISED = 6
 """Rows of the comparison that the summary has."""

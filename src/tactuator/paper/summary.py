@@ -13,7 +13,7 @@ from tactuator.paper.plan import LEVELS_DB_SL
 from tactuator.paper.run import PaperStudy
 from tactuator.paper.steps import LOADED, UNLOADED, Spoken, worst_error_db
 from tactuator.paper.thresholds import bias_and_spread_db
-from tactuator.table import picked, plain
+from tactuator.plain import picked, plain
 
 Row = tuple[str, str, str]
 """A row of the table: what is compared, as the paper has it, as it came out here."""

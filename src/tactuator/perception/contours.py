@@ -19,7 +19,7 @@ from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput, within
 from tactuator.parameters import Numbers, Positive, table
 from tactuator.perception.curve import Contact, Provenance
-from tactuator.table import brief
+from tactuator.plain import brief
 
 REFERENCE_HZ = 100.0
 """Frequency of the tones whose level names a strength, where a file names no other."""

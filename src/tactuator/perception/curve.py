@@ -18,9 +18,8 @@ from pydantic import Field
 from tactuator.arrays import FloatArray, freeze_arrays
 from tactuator.errors import BadInput, within
 from tactuator.parameters import Band, Number, Numbers, Positive, parameters, table, unit
-from tactuator.result import Fact, Result, data, fields_of, found
+from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, data, fields_of, found
 from tactuator.signals.decibels import from_db
-from tactuator.table import FREQUENCY, Chart, ChartLine
 
 
 @table("contact")

@@ -28,7 +28,7 @@ from tactuator.report.figure import (
     subplots,
     table_of,
 )
-from tactuator.table import NOBODY_FELT_IT, Chart, ChartLine
+from tactuator.result import NOBODY_FELT_IT, Chart, ChartLine
 
 _LEGEND_LETTERS, _MARK_LETTERS = 100, 5
 """Letters of 7.5 points that the house's width takes, and those that a mark and its space are as wide as."""

@@ -12,7 +12,7 @@ import numpy as np
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.report.figure import ReportFigure, table_of
-from tactuator.report.tables import printed_polynomials
+from tactuator.report.printed import printed_polynomials
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 _PITCH = 13.5

@@ -33,12 +33,12 @@ from tactuator.report.figure import (
     table_of,
 )
 from tactuator.report.nichols import nichols_figure
+from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import fed_response
-from tactuator.table import FREQUENCY, Chart, ChartLine
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
 
 

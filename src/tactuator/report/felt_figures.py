@@ -34,8 +34,8 @@ from tactuator.report.figure import (
     subplots,
     table_of,
 )
+from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
-from tactuator.table import FREQUENCY, Chart, ChartLine
 
 
 def felt_figure(report: FeltReport, what: str) -> ReportFigure:

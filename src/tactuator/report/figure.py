@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_folder, write_text
-from tactuator.table import NOBODY_FELT_IT
+from tactuator.result import NOBODY_FELT_IT
 
 INK, FAINT = "#222222", "#b8b8b8"
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#56b4e9"

@@ -17,8 +17,8 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
+from tactuator.plain import brief
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
-from tactuator.table import brief
 
 Feeler = Callable[[NDArray[np.float64]], None]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.result import Fact, Result, data, fields_of, found
+from tactuator.plain import brief
+from tactuator.result import Chart, ChartLine, Fact, Result, data, fields_of, found
 from tactuator.signals.decibels import db
 from tactuator.signals.multisine import without_periods
-from tactuator.table import Chart, ChartLine, brief
 
 Method = Literal["stepped-sine", "multisine"]
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.table import brief
+from tactuator.plain import brief
 
 
 def exact_sum(*terms: float) -> float:

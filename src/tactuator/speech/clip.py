@@ -17,7 +17,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.text import parse_finite_json
-from tactuator.table import brief
+from tactuator.plain import brief
 
 LONGEST_S, MOST_POINTS = 600.0, 100_000
 MOST_IN_ALL_S, MOST_IN_ALL_POINTS = 6000.0, 1_000_000

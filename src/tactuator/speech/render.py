@@ -23,6 +23,7 @@ from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceHead, check_suffix, curves_of, write_reference
 from tactuator.measure.felt import FeltReport, compare_felt
 from tactuator.model.controller import Controller
+from tactuator.plain import brief, picked
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.clip_signal import clip_signal, read_clip
@@ -33,7 +34,6 @@ from tactuator.speech.signal import Loss, Signal
 from tactuator.speech.spoken import speech_signal
 from tactuator.speech.taps import taps_signal
 from tactuator.speech.textgrid import read_textgrid
-from tactuator.table import brief, picked
 
 Progress = Callable[[float], None]
 KINDS: Mapping[str, str] = {".haptic": "clip", ".ahap": "clip", ".textgrid": "alignment"}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.table import brief, picked
+from tactuator.plain import brief, picked
 
 SLICE_S = 0.01
 _HEARD_DB = 0.05

@@ -21,6 +21,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES, Load
+from tactuator.result import ResultTable
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
@@ -28,7 +29,6 @@ from tactuator.signals.loop_figures import LoopFigures, around_modes_hz
 from tactuator.synthesis.candidates import LIGHT_DAMPING
 from tactuator.synthesis.family import UNLOADED
 from tactuator.synthesis.touch import fed_push
-from tactuator.table import ResultTable
 
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")

@@ -19,7 +19,7 @@ from tactuator.experiment.session.task import JumpWatch, NextTrial
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.words import Words
-from tactuator.table import ResultTable
+from tactuator.result import ResultTable
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)

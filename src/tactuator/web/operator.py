@@ -13,7 +13,7 @@ from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.session import Running, RunTally, Session
 from tactuator.experiment.store.records import Found
-from tactuator.table import picked
+from tactuator.plain import picked
 from tactuator.web.lab import Lab, LabFault
 from tactuator.web.messages import FROM_OPERATOR, Command, Correct, Day, Enrol, NewVisit, OperatorMessage, message_of
 from tactuator.web.sockets import first_to_end, receive_text, send

@@ -16,7 +16,7 @@ from tactuator.experiment.presenter import Halted, Watch
 from tactuator.experiment.session.session import Acknowledged, Session
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
-from tactuator.table import picked
+from tactuator.plain import picked
 from tactuator.web.lab import Lab, LabFault, RigAtRest
 from tactuator.web.messages import (
     FROM_SUBJECT,

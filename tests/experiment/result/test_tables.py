@@ -29,7 +29,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.words import Words, difference, read_words, shipped_languages, shipped_words
 from tactuator.io.csv_tables import read_contours, write_contours
 from tactuator.perception.curve import ThresholdCurve, curve
-from tactuator.table import ResultTable
+from tactuator.result import ResultTable
 from tests.experiment.session.apparatuses import apparatus
 from tests.experiment.session.test_judging_task import ESTIMATION, HEAD, Level
 

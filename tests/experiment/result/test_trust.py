@@ -32,8 +32,8 @@ from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_curve, write_curve
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
+from tactuator.plain import finite
 from tactuator.report.felt_figures import psychometric_figure, thresholds_figure
-from tactuator.result import finite
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
 
 LIBRARY = library.curve("bolanowski-1988")

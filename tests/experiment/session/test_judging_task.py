@@ -148,7 +148,7 @@ from pydantic import Field
 from tactuator.experiment.task.task import Planned, Task, TaskPrompt, TaskState
 from tactuator.experiment.trial import Tone, Trial
 from tactuator.parameters import Whole, table
-from tactuator.table import ResultTable
+from tactuator.result import ResultTable
 
 
 @table("[task]")

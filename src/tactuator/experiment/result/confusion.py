@@ -19,7 +19,7 @@ from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.words import Words
-from tactuator.table import ResultTable
+from tactuator.result import ResultTable
 
 _BOUNDS = {"": "", ">=": "≥ ", "<=": "≤ "}
 _POWER_MIN, _SESSION_DRAWS = 0.5, 300

@@ -23,7 +23,7 @@ from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.io.csv_tables import resolve_curve
 from tactuator.perception.curve import POINTS_MIN, Provenance, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
-from tactuator.table import brief
+from tactuator.plain import brief
 
 _MARGIN_DB = 3.0
 _CURVE_STEP_DB = 2.0

@@ -21,7 +21,7 @@ from tactuator.experiment.result.played import (
     was_simulated,
 )
 from tactuator.experiment.store.stored_runs import StoredRun
-from tactuator.table import brief
+from tactuator.plain import brief
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
 """Flags that make a threshold doubtful. The experimenter decides: a curve is told with and without such thresholds."""

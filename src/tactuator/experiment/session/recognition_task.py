@@ -33,9 +33,9 @@ from tactuator.experiment.task.task import Picture, TaskState
 from tactuator.experiment.trial import Trial
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.io.reference import content_sha256, open_reference
+from tactuator.result import ResultTable
 from tactuator.rig.player import check_reference
 from tactuator.rig.rig import Rig
-from tactuator.table import ResultTable
 
 LONGEST_S = 60.0
 

@@ -25,8 +25,8 @@ from tactuator.experiment.trial import Timing, Trial
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
+from tactuator.result import ResultTable
 from tactuator.rig.rig import Rig
-from tactuator.table import ResultTable
 
 
 class Clock(Protocol):

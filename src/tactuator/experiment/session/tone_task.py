@@ -29,11 +29,11 @@ from tactuator.experiment.task.task import Picture, Place, TaskState
 from tactuator.experiment.trial import BLANK, LOUD, SIGNAL, IntervalRecord, Timing, Tone, Trial, trial_rng
 from tactuator.measure.error import reading_doubt_db
 from tactuator.perception.curve import COMFORT_DB_SL
+from tactuator.result import ResultTable
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.excitation import ramps
 from tactuator.signals.excitation import tone as tone_wave
 from tactuator.signals.spectra import nearest_mains
-from tactuator.table import ResultTable
 
 _LEAST_PEAK_V, _HIDDEN_DB = 1e-12, 1.0
 """Least peak that is reported, and what the A/D's steps may change of a reading that is reported."""

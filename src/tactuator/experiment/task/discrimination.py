@@ -24,8 +24,8 @@ from tactuator.experiment.trial import Tone, Trial, trial_rng
 from tactuator.experiment.words import Words
 from tactuator.parameters import NotNegative, Positive, Whole, kept_by, table
 from tactuator.perception.curve import COMFORT_DB_SL, Level
+from tactuator.result import ResultTable
 from tactuator.signals.decibels import from_db
-from tactuator.table import ResultTable
 
 Quantity = Literal["amplitude", "frequency", "gap", "order"]
 UNITS: Mapping[Quantity, str] = {"amplitude": "dB", "frequency": "%", "gap": "ms", "order": "ms"}

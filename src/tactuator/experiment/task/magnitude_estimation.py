@@ -25,7 +25,7 @@ from tactuator.experiment.trial import Tone, Trial, trial_rng
 from tactuator.experiment.words import Words
 from tactuator.parameters import Positive, Whole, table
 from tactuator.perception.curve import Level
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.result import Chart, ChartLine, ResultTable
 
 _ROLE = "tone"
 _EXPONENT = 0.6

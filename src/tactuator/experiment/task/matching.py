@@ -27,8 +27,8 @@ from tactuator.experiment.words import Words
 from tactuator.parameters import Band, Positive, Whole, table
 from tactuator.perception.contours import REFERENCE_HZ
 from tactuator.perception.curve import COMFORT_DB_SL, Level, ThresholdCurve
+from tactuator.result import ResultTable
 from tactuator.signals.spectra import off_mains
-from tactuator.table import ResultTable
 
 STANDARD, COMPARISON = "standard", "comparison"
 INTERVALS = ("1", "2")

@@ -18,7 +18,7 @@ from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.trial import Timing, Tone, Trial, number_of
 from tactuator.experiment.words import Words
 from tactuator.parameters import from_table, table
-from tactuator.table import Chart, ResultTable
+from tactuator.result import Chart, ResultTable
 
 GROUP = "tactuator.tasks"
 

@@ -1,16 +1,13 @@
-"""What results are told as: a line that says what they are, tables of text, charts for whoever draws them."""
+"""Values in plain types: a dataclass as JSON, as a line, its attributes by name; a number as its error leaves it."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 _LONGEST = 180
-FREQUENCY = "frequency (Hz)"
-NOBODY_FELT_IT = "simulated: nobody felt this"
-"""What a table or figure of simulated subjects says in itself."""
 
 
 def picked(noun: Any, *names: str, **others: str) -> dict[str, Any]:
@@ -37,6 +34,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     raise TypeError(f"{type(value).__name__} has no counterpart in JSON")
+
+
+def finite(value: object) -> Any:
+    """Return the value in JSON's own types, None in place of numbers that JSON cannot say."""
+    value = plain(value)
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def brief(noun: Any) -> str:
@@ -80,64 +87,3 @@ def with_error(value: float, error: float) -> tuple[str, str]:
         return f"{value:.{digits}g}", f"{error:.2g}"
     decimals = max(decimals, 0)
     return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
-
-
-@dataclass(frozen=True)
-class ResultTable:
-    """A table of results. notes: lines below the table; whole: columns whose cells are never broken."""
-
-    caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...] = ()
-    whole: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class ChartLine:
-    """A curve of a chart.
-
-    label: in the legend ("": none). x, y: (n,). half: of the 95 % confidence of y, (n,), or (2, n) below and above; a
-    band about a line, bars at marks. style: as matplotlib writes it ("-", "--", "o", "o-"). crossed: points that do not
-    count, (n,). colour: its place in the palette, a colour of its own, or None for the next. right: has the axis at the
-    right. width: of the line, points.
-    """
-
-    label: str
-    x: Any
-    y: Any
-    style: str = "-"
-    half: Any = None
-    crossed: Any = None
-    colour: Any = None
-    right: bool = False
-    width: float = 1.4
-
-
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """Curves on one pair of axes, with what they are held against.
-
-    x_label, y_label, right_label: with units. targets: levels that were asked for. tolerance, jnd: half-widths about
-    each target, of what is allowed and of what is not felt. limits: other levels, by name; upright: the same on the
-    axis of x; stretches: parts of that axis, by name. log_x: x is a frequency in hertz. log_y: y is a magnitude, above
-    0. y_range: ends of the axis, None where the curves decide; y_step: between its marks, 0 for any. title: above a
-    panel. simulated: nobody felt what it shows.
-    """
-
-    x_label: str
-    y_label: str
-    curves: Sequence[ChartLine]
-    log_x: bool = False
-    targets: Sequence[float] = ()
-    tolerance: float | None = None
-    jnd: float | None = None
-    limits: Mapping[str, float] = field(default_factory=dict)
-    upright: Mapping[str, float] = field(default_factory=dict)
-    right_label: str = ""
-    simulated: bool = False
-    log_y: bool = False
-    stretches: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    y_range: tuple[float | None, float | None] = (None, None)
-    y_step: float = 0.0
-    title: str = ""

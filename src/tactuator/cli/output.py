@@ -1,0 +1,110 @@
+"""What is printed of a result: one JSON object for programs, or text for people; progress goes to standard error."""
+
+import json
+import re
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group
+from rich.measure import Measurement
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from tactuator.api.progress import Step
+from tactuator.plain import finite
+from tactuator.result import Result, ResultTable
+
+LINES = 10
+"""A summary has no more."""
+
+
+def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] = ()) -> None:
+    """Print `result` and the files that were written: as exactly one JSON object, as its tables, or as a summary.
+
+    Text is printed as it is: "[dB SL]" is a unit, not markup. In the JSON, numbers that JSON cannot say (infinite, not
+    a number) are null; complex numbers are [re, im].
+    """
+    for notice in result.notices():
+        sys.stderr.write(f"tactuator: {notice}\n")
+    if as_json:
+        sys.stdout.write(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
+        return
+    console = Console(file=sys.stdout, markup=False, highlight=False)
+    places = [f"written: {path}" for path in written]
+    if not full:
+        console.print(*summary(result, places, console.width), sep="\n", soft_wrap=True)
+        return
+    parts = result.all_tables()
+    shown = [Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in parts]
+    console.print(*shown, *places, sep="\n")
+
+
+def summary(result: Result, places: Sequence[str], width: int) -> list[str]:
+    """Return at most ten lines: what was found, what to do next, and what was written."""
+    step = result.next_step()
+    last = _wrapped([*([f"next: {step}"] if step else []), *places], width)
+    lines = _wrapped([f"{words}: {text}" for words, text in result.headline().items()], width)
+    room = LINES - len(last)
+    return [*(lines if len(lines) <= room else [*lines[: room - 1], "more: --full"]), *last]
+
+
+def _wrapped(texts: Sequence[str], width: int) -> list[str]:
+    """Return texts as lines of a width, broken between words; a path is never broken."""
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    ]
+
+
+def drawn(content: ResultTable, console: Console) -> Table:
+    """Return a table as wide as the console lets it be: no word is broken where there is room for all of them, and no
+    number where there is room for those.
+    """
+    table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
+    firm, least, most, wide = list[int](), list[int](), list[int](), console.options.update(max_width=10_000)
+    for name, *cells in zip(content.columns, *content.rows, strict=True):
+        sizes = [Measurement.get(console, wide, Text(cell)) for cell in (name, *cells)]
+        most.append(max(size.maximum for size in sizes))
+        least.append(most[-1] if name in content.whole else max(size.minimum for size in sizes))
+        firm.append(max((len(word) for cell in cells for word in cell.split() if re.search(r"\d", word)), default=1))
+        table.add_column(name, overflow="fold", no_wrap=name in content.whole)
+    for row in content.rows:
+        table.add_row(*map(Text, row))
+    room = console.width - len(most) - 1
+    fits = room >= sum(least)
+    low, high = (least, most) if fits else (firm, least)
+    spare = room - sum(low)
+    apart = int(fits and spare >= len(most))
+    table.padding, spare = (0, apart, 0, 0), spare - apart * len(most)
+    if 0 <= spare < sum(high) - sum(low):
+        for column, word, line in zip(table.columns, low, high, strict=True):
+            column.width = word + spare * (line - word) // (sum(high) - sum(low))
+    return table
+
+
+class Bars:
+    """Bars on standard error, one below the other, gone when done; nothing where nobody watches (no terminal)."""
+
+    def __init__(self) -> None:
+        self._shown: Progress | None = None
+
+    @contextmanager
+    def __call__(self, text: str, total: float | None) -> Iterator[Step]:
+        """Show a bar for a stretch of work."""
+        if not sys.stderr.isatty():
+            yield lambda done=None, total=None, text=None: None
+            return
+        with ExitStack() as stack:
+            if self._shown is None:
+                columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+                self._shown = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
+                stack.callback(setattr, self, "_shown", None)
+            shown, task = self._shown, self._shown.add_task(text, total=total)
+            yield lambda done=None, total=None, text=None: shown.update(
+                task, completed=done, total=total, description=text
+            )
