@@ -15,8 +15,7 @@ from scipy import signal
 from tactuator.errors import BadInput
 from tactuator.model.controller import AntiWindup, ChannelController, Limits, StrengthShaping
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import delta_coefficients_single
-from tactuator.runtime.image import conditioning
+from tactuator.runtime.image import conditioning, delta_coefficients_single
 from tactuator.runtime.tables import controller_table
 from tactuator.signals.decibels import db
 from tests.core.single_precision import TINY, ReferenceController, Single, finite, sections

@@ -10,8 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactuator.errors import BadInput
-from tactuator.runtime.coefficients import delta_coefficients, delta_coefficients_single
-from tactuator.runtime.image import ImageRefusal, build_image, check_image, read_image_header, sealed
+from tactuator.runtime.image import (
+    ImageRefusal,
+    build_image,
+    check_image,
+    delta_coefficients,
+    delta_coefficients_single,
+    read_image_header,
+    sealed,
+)
 from tests.runtime.paper_display import controller, display, feedback_sections
 
 MADE = controller(display())

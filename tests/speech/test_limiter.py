@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactuator.measure.felt import felt_of
+from tactuator.rig.rig import with_felt
 from tactuator.signals.decibels import db, from_db
 from tactuator.speech import limiter as module
 from tactuator.speech.band_codings import band_limit_kernel
@@ -46,7 +46,7 @@ def on_the_display(controller, reference, load):
 
     rig.play = listened
     silence = np.zeros((4 * RATE, len(rig.channels)))  # a slow loop's last tenths of a millimetre go in seconds
-    displacement = np.concatenate([d for _, d in felt_of(rig, [*blocks_of(reference), silence])])
+    displacement = np.concatenate([d for _, d in with_felt(rig, rig.stream([*blocks_of(reference), silence]))])
     size = len(displacement) + 4 * RATE
     frequency = np.fft.rfftfreq(size, 1 / RATE)
     weight = 1.0 / controller.display.channels[0].threshold.curve.displacement_mm(frequency)

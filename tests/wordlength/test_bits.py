@@ -9,8 +9,7 @@ import pytest
 
 from tactuator.errors import BadInput
 from tactuator.model.controller import AntiWindup
-from tactuator.runtime.coefficients import delta_coefficients
-from tactuator.runtime.image import ImageRefusal, build_image, check_image
+from tactuator.runtime.image import ImageRefusal, build_image, check_image, delta_coefficients
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import is_stable as loop_is_stable
 from tactuator.signals.systems import SampledSystem, sections_response

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller, Limits
 from tactuator.model.description import Display
-from tactuator.runtime.coefficients import delta_coefficients
-from tactuator.runtime.image import build_image
+from tactuator.runtime.image import build_image, delta_coefficients
 from tactuator.signals.discretise import discretise
 from tactuator.wordlength.bits import at_rate, rows_response
 from tactuator.wordlength.float32_check import (

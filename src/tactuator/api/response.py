@@ -51,7 +51,7 @@ from tactuator.measure.options import (
     REJECTION_HZ,
     MeasurementOptions,
 )
-from tactuator.measure.response import multisine_response, stepped_sine
+from tactuator.measure.response import check_frequencies, multisine_response, stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
@@ -348,7 +348,7 @@ def _learnt_line(learnt: Learnt) -> str:
 
 
 Frequencies = Annotated[Numbers, Option("Frequencies, comma between (default: 30 over the band).", type=str | None)]
-LevelOption = Annotated[float, Option("Level, dB SL.", _LEVEL)]
+LevelOption = Annotated[float, Option("Level, dB SL (-60..55).", _LEVEL)]
 Confidence = Annotated[float, Option("95 % half-width to reach.")]
 Longest = Annotated[float, Option("Seconds per point at most.")]
 
@@ -459,6 +459,7 @@ def _prepared(
     with opened(rig, loop.display, seed) as ready:
         touching = put_on(ready, loop, asked.load, touched)
         options = replace(asked, load=touching, mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash)
+        check_frequencies(ready, wanted)
         ready.load(loop)
         yield ready, options, wanted, settle_weights(ready, loop, asked.level_db_sl, np.random.default_rng(seed))
 
@@ -635,7 +636,7 @@ def finger(
     load: Annotated[
         str | None, Option("Load of the display file that touches (default: finger, or the first).")
     ] = None,
-    level_db_sl: Annotated[float, Option("Level of each line, dB SL.", _LEVEL)] = FINGER_LEVEL_DB_SL,
+    level_db_sl: Annotated[float, Option("Level of each line, dB SL (-60..55).", _LEVEL)] = FINGER_LEVEL_DB_SL,
     duration_s: Annotated[float, Option("Seconds played, a little less than half of them free.")] = FINGER_S,
     channel: Channels = None,
     seed: Seed = 0,

@@ -26,7 +26,6 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import read_controller
 from tactuator.io.reference import open_reference
 from tactuator.measure.options import MeasurementOptions
-from tactuator.perception.curve import check_level
 from tactuator.signals.multisine import over_the_band
 from tactuator.synthesis.design import design_controller
 from tactuator.web.sockets import first_to_end, send
@@ -262,7 +261,6 @@ def save(page: RigConnection, channel: Name, span_s: Annotated[Finite, Field(gt=
 def measure(page: RigConnection, settings: MeasureSettings) -> Answer:
     """Measure the response; return the command that does the same."""
     rig, session = page.driven_rig(), page.session
-    check_level(settings.level_db_sl)
     controller, channels = session.loaded_controller(), tuple(settings.channels or session.channels)
     bands = [session.display.channel(name).threshold.band_hz for name in channels]
     band_hz = (max(low for low, _ in bands), min(high for _, high in bands))

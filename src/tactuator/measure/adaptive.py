@@ -12,7 +12,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, with_felt
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.multisine import multisine, odd_lines
@@ -128,15 +128,14 @@ def _felt(controller: Controller, channel: Channel, asked: FloatArray, load: str
     rate = controller.rate_hz
     moved: list[FloatArray] = []
     with SimulatedRig(controller.display, seed) as rig:
-        finger = rig.finger(channel.name)
-        finger.attach(moved.append)
+        column = rig.channels.index(channel.name)
         rig.load(controller)
         reference = np.zeros((asked.size, len(rig.channels)))
-        reference[:, rig.channels.index(channel.name)] = asked
+        reference[:, column] = asked
         cuts = [0, round(LANDS_S * rate), round(LIFTED_S * rate), asked.size]
         for on, start, stop in zip((None, load, None), cuts, cuts[1:], strict=False):
-            finger.touch(on)
-            rig.play(reference[start:stop])
+            rig.finger(channel.name).touch(on)
+            moved += [felt[:, column] for _, felt in with_felt(rig, rig.stream([reference[start:stop]]))]
     volts = channel.sensor_gain_v_per_mm * np.concatenate(moved)
     frequency = np.fft.rfftfreq(volts.size, 1.0 / rate)
     low, high = channel.threshold.band_hz

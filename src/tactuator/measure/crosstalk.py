@@ -6,7 +6,6 @@ them: at the finger ports where the rig has them, else by the sensors. What diff
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +14,11 @@ from numpy.typing import ArrayLike
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.error import DITHERED
+from tactuator.measure.lines import Lines, Play, Tone, measure_lines, reference_on
 from tactuator.measure.options import MeasurementOptions
-from tactuator.measure.response import Progress, Tone, TonePoint, check_asked
-from tactuator.rig.rig import Rig, Trace, WrappedRig, require_sensors
-from tactuator.signals.decibels import db, half_width_db
+from tactuator.measure.response import Progress, check_frequencies
+from tactuator.rig.rig import Rig, require_sensors, with_felt
+from tactuator.signals.decibels import db, from_db, half_width_db
 from tactuator.signals.multisine import tones
 
 _KNOWN_DB = 2.5
@@ -89,59 +89,44 @@ def measure_crosstalk(
     and of all. Raises BadInput as `stepped_sine` does, and where no other channel can be read.
     """
     at_ports = rig.has_finger_ports
-    read = _FeltRig(rig) if at_ports else rig
     others = [name for name in rig.channels if name != driven]
     if not others:
         raise BadInput(f"channel {driven!r} is the only one", "a display with another")
-    if set(others) <= set(read.without_sensor):
-        require_sensors(read, others)
-    names = [name for name in rig.channels if name not in read.without_sensor]
-    columns = check_asked(read, frequency_hz, replace(options, channels=names))
+    unread = () if at_ports else rig.without_sensor
+    if set(others) <= set(unread):
+        require_sensors(rig, others)
+    names = [name for name in rig.channels if name not in unread]
+    columns = [rig.channels.index(name) for name in names]
+    check_frequencies(rig, frequency_hz)
     frequencies = tones(frequency_hz, options.mains_hz, options.band_hz or (0.0, 0.45 * rig.rate_hz))
     channels = [rig.display.channel(name) for name in names]
     steps_v, noise_v = np.array([(each.converter.step_v, each.environment.noise_v_rms) for each in channels]).T
     # a sensor with little noise does not read a motion within a step of the A/D
-    unread = np.where((noise_v < DITHERED * steps_v) & (not at_ports), 0.5 * steps_v, 0.0)
+    hidden_v = np.where((noise_v < DITHERED * steps_v) & (not at_ports), 0.5 * steps_v, 0.0)
     is_other = np.array(names) != driven
+    play, peak = reference_on(rig, [rig.channels.index(driven)]), float(from_db(options.level_db_sl))
+    play = _at_ports(rig, play) if at_ports else play
     rows: list[Crosstalk] = []
     for hertz in frequencies.tolist():
         curves = (each.threshold.curve.displacement_mm if at_ports else each.threshold_voltage for each in channels)
         threshold = np.array([float(curve(hertz)) for curve in curves])
 
-        def doubt_db(point: TonePoint, threshold: FloatArray = threshold) -> FloatArray:
-            is_open = np.abs(point.amplitude) + point.half_width + unread > threshold
-            return np.where(is_other & is_open & (point.half_width > 0.0), point.confidence_db, 0.0)
+        def doubt_db(found: Lines, threshold: FloatArray = threshold) -> FloatArray:
+            half_width = found.half_width[:, 0]
+            is_open = np.abs(found.amplitude[:, 0]) + half_width + hidden_v > threshold
+            return np.where(is_other & is_open & (half_width > 0.0), found.confidence_db[:, 0], 0.0)
 
-        point = Tone(read, hertz, [rig.channels.index(driven)], columns, options, doubt_db).measure()
-        motions = zip(np.abs(point.amplitude), point.half_width + unread, threshold, strict=True)
+        tone = Tone(hertz, peak, rig.rate_hz, options.mains_hz)
+        found = measure_lines(play, rig.rate_hz, columns, tone, options, doubt_db)
+        motions = zip(np.abs(found.amplitude[:, 0]), found.half_width[:, 0] + hidden_v, threshold, strict=True)
         levels = dict(zip(names, (FeltLevel.of(*motion) for motion in motions), strict=True))
-        rows.append(Crosstalk(driven, options.load, hertz, levels, bool(np.any(point.saturated))))
+        rows.append(Crosstalk(driven, options.load, hertz, levels, bool(np.any(found.saturated))))
         if progress is not None:
             progress(len(rows), frequencies.size)
     rig.rest()
     return tuple(rows)
 
 
-class _FeltRig(WrappedRig):
-    """A rig in whose traces position_v is what the finger ports feel, millimetres."""
-
-    def __init__(self, rig: Rig) -> None:
-        super().__init__(rig)
-        self.without_sensor = ()
-
-    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """Stream blocks, with dial gauges at the finger ports."""
-        ports = [self.finger(name) for name in self.channels]
-        felt = [[np.zeros(0)] for _ in ports]
-        gauges = [parts.append for parts in felt]
-        for port, gauge in zip(ports, gauges, strict=True):
-            port.attach(gauge)
-        try:
-            for trace in self._rig.stream(blocks):
-                rows = np.stack([np.concatenate(parts) for parts in felt], axis=1)
-                for parts, column in zip(felt, rows.T, strict=True):
-                    parts[:] = [column[len(trace) :]]
-                yield replace(trace, position_v=rows[: len(trace)])
-        finally:
-            for port, gauge in zip(ports, gauges, strict=True):
-                port.detach(gauge)
+def _at_ports(rig: Rig, play: Play) -> Play:
+    """Return what plays so, and in whose traces position_v is what the finger ports feel, millimetres."""
+    return lambda waves: (replace(trace, position_v=moved_mm) for trace, moved_mm in with_felt(rig, play(waves)))

@@ -4,7 +4,7 @@ takes away.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,21 +13,25 @@ from numpy.typing import ArrayLike, NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.measure.error import ChannelPrediction
-from tactuator.measure.options import EXCURSION_MM, MAINS_HZ
+from tactuator.measure.lines import Tone, measure_lines
+from tactuator.measure.options import EXCURSION_MM, MAINS_HZ, MeasurementOptions
 from tactuator.measure.response import check_frequencies
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.plain import brief
-from tactuator.rig.rig import Finger, Rig
+from tactuator.rig.rig import Finger, Rig, Trace
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.excitation import ramps
-from tactuator.signals.spectra import LockIn, lock_in, mains_multiples, mean_of_blocks, off_mains
+from tactuator.signals.spectra import lock_in, off_mains
 from tactuator.signals.systems import SampledSystem
 
 TREMOR_HZ = (4.0, 12.0)
 """Band of a finger's tremor (physiological 8-12 Hz, pathological from 4 Hz)."""
+
+_REJECTION = MeasurementOptions(longest_s=4.0)
+"""Confidence (0.25 dB) and time of each force of a rejection."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,22 +154,20 @@ class _Bench:
         rate = self._rig.rate_hz
         through = self._plant.response(np.array([hertz]))[0]
         force_v = min(self._excursion_v / abs(through), self._largest_v)
-        block = round(max(1.0, np.ceil(hertz)) / hertz * rate)
-        settle = round(max(0.5, 1.0 / hertz) * rate)
-        count = settle + 4 * block
-        wave = force_v * np.sin(2.0 * np.pi * hertz * np.arange(count) / rate)
-        position, limited = self._play(wave * ramps(count, rate, 0.1))
-        lines = np.concatenate([[hertz], mains_multiples(mains_hz, min(200.0, 0.45 * rate))])
-        detector = LockIn(lines, rate, block)
-        # the last tenth of a second fades out
-        blocks = np.array(
-            [
-                detector(position[start : start + block], start)[0]
-                for start in range(settle - round(0.1 * rate), count - block - round(0.1 * rate) + 1, block)
-            ]
-        )
-        mean, half_width, _ = mean_of_blocks(blocks)
-        return float(db(mean / (through * force_v))), float(db(1.0 + half_width / np.abs(mean))), force_v, limited
+        tone = Tone(hertz, force_v, rate, mains_hz)
+        found = measure_lines(self._pressed, rate, [self._column], tone, _REJECTION)
+        measured_db = float(db(found.amplitude[0, 0] / (through * force_v)))
+        return measured_db, float(found.confidence_db[0, 0]), force_v, bool(found.saturated[0, 0])
+
+    def _pressed(self, waves: Iterable[FloatArray]) -> Iterator[Trace]:
+        """Press with waves of force, one after another without a gap, at rest."""
+
+        def rows() -> Iterator[FloatArray]:
+            for wave in waves:
+                self._port.press(wave)
+                yield np.zeros((wave.size, len(self._rig.channels)))
+
+        return self._rig.stream(rows())
 
     def press(self) -> Press:
         """Press for a second within 20 ms, lift, and watch another second."""

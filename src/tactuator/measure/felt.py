@@ -10,9 +10,9 @@ power, 10 log10 of the mean square envelope. Bands up to 40 Hz are looked at ove
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain
 from typing import Any
 
@@ -25,7 +25,7 @@ from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import FELT_BAND_HZ
 from tactuator.plain import brief
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, with_felt
 from tactuator.signals.decibels import db
 from tactuator.signals.excitation import raised_ends
 from tactuator.signals.spectra import Band, SlidingWindow, third_octave_bands
@@ -96,41 +96,17 @@ class BandAnalysis:
         """Return the levels in the frames that lie wholly within `seconds` after a chunk's margin; `spectra`: its rfft,
         (..., bins). Four signals that go together take little longer than one.
         """
-        long_count, short_count = (int((seconds + 1e-9) / frame_s) for frame_s in (LONG_FRAME_S, SHORT_FRAME_S))
-        signals = spectra.shape[:-1]
-        long_powers = np.empty((*signals, long_count, len(self.long_bands)), dtype=np.float32)
-        for column, (band, means) in enumerate(zip(self.long_bands, self._long_means, strict=True)):
-            start, weights = self._bins[band]
-            bins = (spectra[..., start : start + len(weights)] * weights).astype(np.complex128)
-            envelope = scipy.fft.ifft(bins, len(means)) * (2.0 * len(means) / self.chunk)
-            powers = (envelope.real**2 + envelope.imag**2) @ means[:, :long_count]
-            long_powers[..., column] = np.maximum(powers, 0.0)  # of silence beside sound, rounding is left
-        first, per_frame = (round(ENVELOPE_RATE_HZ * seconds) for seconds in (MARGIN_S, SHORT_FRAME_S))
-        padded = np.zeros((len(self.short_bands), *signals, ENVELOPE), dtype=spectra.dtype)
-        for row, band in zip(padded, self.short_bands, strict=True):
+        padded = np.zeros((len(self.bands), *spectra.shape[:-1], ENVELOPE), dtype=spectra.dtype)
+        for row, band in zip(padded, self.bands, strict=True):
             start, weights = self._bins[band]
             row[..., : len(weights)] = spectra[..., start : start + len(weights)] * weights
-        envelope = scipy.fft.ifft(padded)[..., first : first + short_count * per_frame]
-        power = (envelope.real**2 + envelope.imag**2).reshape(-1, *signals, short_count, per_frame)
-        short_powers = np.moveaxis(power.mean(axis=-1), 0, -1).copy() * (2.0 * ENVELOPE / self.chunk) ** 2
-        with np.errstate(divide="ignore"):
-            return BandFrames(10.0 * np.log10(long_powers), 10.0 * np.log10(short_powers))
-
-    @cached_property
-    def _long_means(self) -> tuple[NDArray[np.float64], ...]:
-        """Return, for each long band, what gives the mean squares of all its frames, (samples, frames).
-
-        The squared magnitude of an envelope of n bins has less than n lines: 2 n samples of a chunk hold it whole, and
-        its mean over a frame's samples at the envelope's rate is a weighted sum of them.
-        """
-        count, per_frame = round(CHUNK_S / LONG_FRAME_S), round(ENVELOPE_RATE_HZ * LONG_FRAME_S)
-        margin = np.zeros((count, round(ENVELOPE_RATE_HZ * MARGIN_S)))
-        frames = np.concatenate((margin, np.repeat(np.eye(count) / per_frame, per_frame, axis=1), margin), axis=1)
-        lines, means = scipy.fft.rfft(frames), []
-        for band in self.long_bands:
-            bins = len(self._bins[band][1])
-            means.append(scipy.fft.irfft(lines[:, :bins], scipy.fft.next_fast_len(2 * bins)).T)
-        return tuple(means)
+        envelope = scipy.fft.ifft(padded) * (2.0 * ENVELOPE / self.chunk)
+        power = np.moveaxis(envelope.real**2 + envelope.imag**2, 0, -1)[..., round(ENVELOPE_RATE_HZ * MARGIN_S) :, :]
+        long = len(self.long_bands)
+        return BandFrames(
+            _frame_levels(power[..., :long], LONG_FRAME_S, seconds),
+            _frame_levels(power[..., long:], SHORT_FRAME_S, seconds),
+        )
 
     def _weights(self, band: Band) -> tuple[int, NDArray[np.float32]]:
         step = self.rate_hz / self.chunk
@@ -140,6 +116,15 @@ class BandAnalysis:
         up = np.clip((frequency - band.low_hz) / (2.0 * half_edge) + 0.5, 0.0, 1.0)
         down = np.clip((band.high_hz - frequency) / (2.0 * half_edge) + 0.5, 0.0, 1.0)
         return start, (np.sin(0.5 * np.pi * up) * np.sin(0.5 * np.pi * down)).astype(np.float32)
+
+
+def _frame_levels(power: Levels, frame_s: float, seconds: float) -> Levels:
+    """Return the levels of the whole frames within `seconds`, (..., frames, bands), of power (..., samples, bands)."""
+    count, samples = int((seconds + 1e-9) / frame_s), round(ENVELOPE_RATE_HZ * frame_s)
+    *signals, _, bands = power.shape
+    means = power[..., : count * samples, :].reshape(*signals, count, samples, bands).mean(axis=-2)
+    with np.errstate(divide="ignore"):
+        return np.asarray(10.0 * np.log10(means))
 
 
 Sink = Callable[[NDArray[np.float64]], None]
@@ -318,27 +303,6 @@ SETTLE_S = 0.5
 """How long is listened after the reference's end."""
 
 
-def felt_of(
-    rig: Rig, references: Iterable[NDArray[np.float64]]
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Play blocks (n, channels), threshold units, on a loaded rig; pairs (reference, displacement_mm) of each."""
-    felt: list[list[NDArray[np.float64]]] = [[] for _ in rig.channels]
-    ports = [(rig.finger(name), pieces.append) for name, pieces in zip(rig.channels, felt, strict=True)]
-    for port, feeler in ports:
-        port.attach(feeler)
-    try:
-        for reference in references:
-            if not len(reference):
-                continue
-            rig.play(np.stack(list(reference.T), axis=1))
-            yield reference, np.stack([np.concatenate(pieces) for pieces in felt]).T
-            for pieces in felt:
-                pieces.clear()
-    finally:
-        for port, feeler in ports:
-            port.detach(feeler)
-
-
 def compare_felt(
     rig: Rig, controller: Controller, references: Iterable[NDArray[np.float64]], sink: Sink | None = None
 ) -> FeltReport:
@@ -348,6 +312,6 @@ def compare_felt(
     rig.load(controller)
     comparison = FeltComparison(controller, sink)
     silence = np.zeros((round(SETTLE_S * rig.rate_hz), len(rig.channels)))
-    for asked, displacement in felt_of(rig, chain(references, [silence])):
-        comparison.push(asked, displacement)
+    for trace, displacement_mm in with_felt(rig, rig.stream(chain(references, [silence]))):
+        comparison.push(trace.reference, displacement_mm)
     return comparison.finish()

@@ -1,7 +1,4 @@
-"""What a measurement may be asked: every default of measure, noise, disturb and finger, once.
-
-Nothing heavy is imported here, so that a face can tell its defaults at once.
-"""
+"""What a measurement may be asked: every default of measure, noise, disturb and finger, once."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactuator.errors import BadInput
+from tactuator.perception.curve import check_level
 
 MAINS_HZ = 60.0
 """Frequency of mains; 0 where there is none."""
@@ -47,6 +45,7 @@ class MeasurementOptions:
     controller_hash: str = ""
 
     def __post_init__(self) -> None:
+        check_level(self.level_db_sl)
         for key in ("confidence_db", "longest_s"):
             if not 0.0 < getattr(self, key) < float("inf"):
                 raise BadInput(f"{getattr(self, key):g}", "above 0", key=key)

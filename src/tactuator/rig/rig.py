@@ -323,6 +323,24 @@ class Rig(ABC):
             raise
 
 
+def with_felt(rig: Rig, traces: Iterable[Trace]) -> Iterator[tuple[Trace, FloatArray]]:
+    """Yield traces as a rig plays them, each with the displacement at its finger ports, mm, (n, channels)."""
+    ports = [rig.finger(name) for name in rig.channels]
+    felt: list[list[FloatArray]] = [[np.zeros(0)] for _ in ports]
+    gauges = [pieces.append for pieces in felt]
+    for port, gauge in zip(ports, gauges, strict=True):
+        port.attach(gauge)
+    try:
+        for trace in traces:
+            rows = np.stack([np.concatenate(pieces) for pieces in felt], axis=1)
+            for pieces, later in zip(felt, rows[len(trace) :].T, strict=True):
+                pieces[:] = [later]
+            yield trace, rows[: len(trace)]
+    finally:
+        for port, gauge in zip(ports, gauges, strict=True):
+            port.detach(gauge)
+
+
 class WrappedRig(Rig):
     """A rig around another, whose display, controller, finger ports, time and rest it has."""
 

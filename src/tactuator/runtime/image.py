@@ -1,5 +1,9 @@
 """The image: a controller as the bytes that a board loads (layout: core/board/image.h), with what it feeds forward for
 a finger (core/touch/feed_forward.h).
+
+Sections are in delta form, as the core computes with them, each coefficient rounded once to float32:
+H = (b0 + b1 z^-1 + b2 z^-2)/(1 + a1 z^-1 + a2 z^-2) = (b0 d^2 + b1' d + b2')/(d^2 + a1' d + a2') with d = z - 1 and
+b1' = 2 b0 + b1, b2' = b0 + b1 + b2, a1' = 2 + a1, a2' = 1 + a1 + a2 (Middleton & Goodwin 1990, chapter 2).
 """
 
 from __future__ import annotations
@@ -8,22 +12,20 @@ import struct
 import zlib
 from dataclasses import dataclass
 from enum import IntEnum
+from fractions import Fraction
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller, FeedForward, StrengthShaping, pair_turns
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import (
-    FEEDBACK_SECTIONS_MAX,
-    PREFILTER_SECTIONS_MAX,
-    delta_coefficients_single,
-)
 from tactuator.signals.decibels import from_db
 from tactuator.signals.discretise import held_matrices
+from tactuator.signals.systems import check_sections
 
 CHANNELS_MAX: int = lib.TACT_CHANNELS_MAX
 """Channels that a board runs."""
@@ -34,6 +36,35 @@ CONDITIONING_MAX = 1e6
 _CHANNEL_HEAD = struct.Struct("<16sBBBBf")
 """Of a channel in an image: name, prefilter sections, feedback sections, the layout of what feeds forward for a finger
 and of what reshapes the reference (0: none), command limit in volts."""
+
+
+def delta_coefficients(sos: ArrayLike) -> FloatArray:
+    """Return b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
+    return np.array(_delta_rows(check_sections(sos).tobytes()), dtype=np.float64).reshape(-1, 5)
+
+
+@lru_cache(maxsize=64)
+def _delta_rows(sections: bytes) -> list[list[float]]:
+    """Return the rows of sections (n, 6): a controller that is loaded again needs no sums of fractions."""
+    rows = []
+    for section in np.frombuffer(sections).reshape(-1, 6).tolist():
+        b0, b1, b2, a0, a1, a2 = (Fraction(value) for value in section)
+        exact = (b0 / a0, (2 * b0 + b1) / a0, (b0 + b1 + b2) / a0, (2 * a0 + a1) / a0, (a0 + a1 + a2) / a0)
+        rows.append([float(value) for value in exact])
+    return rows
+
+
+def delta_coefficients_single(sos: ArrayLike, most: int, name: str) -> NDArray[np.float32]:
+    """Return `delta_coefficients` rounded to float32, shape (n, 5).
+
+    Raises BadInput for more than `most` sections, or for a coefficient that float32 cannot hold; `name` says of what.
+    """
+    exact = delta_coefficients(sos)
+    if exact.shape[0] > most:
+        raise BadInput(f"{name} has {exact.shape[0]} sections", f"at most {most}")
+    if np.any(np.abs(exact) > float(np.finfo(np.float32).max)):
+        raise BadInput(f"{name} has a coefficient of {np.max(np.abs(exact)):g}", "what single precision holds")
+    return exact.astype(np.float32)
 
 
 class ImageRefusal(IntEnum):
@@ -159,10 +190,10 @@ def channel_bytes(channel: ChannelController, rate_hz: float, place: int) -> byt
     """
     where = f"controller, channel {channel.name!r}: "
     rows: list[NDArray[np.float32]] = [
-        delta_coefficients_single(channel.prefilter_sos, PREFILTER_SECTIONS_MAX, where + "prefilter")
+        delta_coefficients_single(channel.prefilter_sos, lib.TACT_PREFILTER_MAX, where + "prefilter")
     ]
     if channel.feedback_sos is not None:
-        rows.append(delta_coefficients_single(channel.feedback_sos, FEEDBACK_SECTIONS_MAX, where + "feedback"))
+        rows.append(delta_coefficients_single(channel.feedback_sos, lib.TACT_FEEDBACK_MAX, where + "feedback"))
     touch = b"" if channel.feed_forward is None else _touch_bytes(channel, channel.feed_forward, rate_hz, place)
     strength = b"" if channel.strength is None else _strength_bytes(channel, channel.strength, rate_hz)
     layouts = lib.TACT_TOUCH_LAYOUT if touch else 0, lib.TACT_STRENGTH_LAYOUT if strength else 0

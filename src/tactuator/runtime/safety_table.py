@@ -12,8 +12,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.description import Converter
 from tactuator.runtime._core import ffi, lib
-from tactuator.runtime.coefficients import delta_coefficients_single
-from tactuator.runtime.image import sealed
+from tactuator.runtime.image import delta_coefficients_single, sealed
 
 NEVER = 1.0e6
 """A limit in volts that no sensor reaches."""

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import ChannelController, Controller
-from tactuator.runtime.coefficients import delta_coefficients
+from tactuator.runtime.image import delta_coefficients
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import closed_roots, is_inside

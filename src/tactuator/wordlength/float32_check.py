@@ -11,8 +11,7 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.runtime.coefficients import delta_coefficients
-from tactuator.runtime.image import CHANNELS_MAX, build_image
+from tactuator.runtime.image import CHANNELS_MAX, build_image, delta_coefficients
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import SampledSystem

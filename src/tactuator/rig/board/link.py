@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from tactuator.errors import BadInput, DeviceFault, TactuatorError
 from tactuator.rig.transport import LinkDown, Transport
+from tactuator.runtime._core import lib
 from tactuator.runtime.image import ImageRefusal
 from tactuator.runtime.safety_table import Fault, SafetyRefusal
 
 VERSION = 2
-PAYLOAD_MAX = 4096
+PAYLOAD_MAX: int = lib.TACT_PAYLOAD_MAX
 ANSWER = 0x80
 _COBS_BLOCK_BYTES = 254
 IMAGE, SAFETY, SIMULATED_DISPLAY = 1, 2, 3

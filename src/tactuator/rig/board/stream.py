@@ -16,6 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.rig.board.link import LinkClient, Mode, TraceRows
 from tactuator.rig.rig import Finger, anybody_feels, let_feel, take_forces
+from tactuator.runtime._core import lib
 from tactuator.runtime.simulation import REFERENCE_MAX
 
 _REQUEST_ROWS = 128
@@ -28,7 +29,8 @@ _STATUS_POLL_S = 0.004
 _RUN_POLL_S = 0.002
 _IDLE_READS = 1000
 """Reads without a row, one after another, from a board that waits for its rows: it has none to wait for."""
-TONES_MAX = 8
+TONES_MAX: int = lib.TACT_TONES_MAX
+"""Tones of a channel at once."""
 LONGEST_S = 3600.0
 """Of what a board makes itself; far below what its counts of ticks hold."""
 Rows = NDArray[np.float32]
