@@ -185,8 +185,10 @@ class Tone:
         distortion = np.sqrt(np.sum(np.abs(blocks[:, 1:].mean(axis=0)) ** 2, axis=0))
         frequency, reference = np.array([self._frequency_hz]), np.array([self._peak])
         averaged_s = np.array([len(blocks) * self.block / self._rate_hz])
-        columns = (values[:, None].copy() for values in (amplitude, half_width, noise, distortion, saturated))
-        return Lines(frequency, reference, averaged_s, *columns)
+        return Lines(
+            frequency, reference, averaged_s, amplitude[:, None], half_width[:, None], noise[:, None],
+            distortion[:, None], saturated[:, None].copy(),
+        )  # fmt: skip
 
 
 _AROUND, _FEWEST_AROUND = 0.1, 12
@@ -219,13 +221,13 @@ class Periodic:
     def lines(self, blocks: ComplexArray, saturated: Flags, coverage: float) -> Lines:
         """Return the excited lines; the half-width covers noise, and the distortion that the silent lines show."""
         excited, count = self._excited, len(blocks)
-        mean, _, noise = (values.T for values in mean_of_blocks(blocks))
-        noise_power = self._around(noise**2, self._clear) / count
-        distortion = np.maximum(self._around(np.abs(mean) ** 2, self._silent) - noise_power, 0.0)
+        mean, _, noise = mean_of_blocks(blocks)
+        noise_power = self._around(noise.T**2, self._clear) / count
+        distortion = np.maximum(self._around(np.abs(mean.T) ** 2, self._silent) - noise_power, 0.0)
         # half of each power is along the amplitude, half across it
         half_width = scipy.stats.norm.isf(0.5 * (1.0 - coverage)) * np.sqrt(0.5 * (noise_power + distortion))
         # a cosine in the reference is a cosine in the amplitude
-        amplitude = mean[:, excited.bins] * np.exp(-1j * excited.phase_rad)
+        amplitude = mean.T[:, excited.bins] * np.exp(-1j * excited.phase_rad)
         averaged_s = np.full(excited.bins.size, count * self.block / excited.rate_hz)
         return Lines(
             excited.frequency_hz, excited.amplitude.copy(), averaged_s, amplitude, half_width,
