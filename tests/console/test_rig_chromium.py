@@ -15,7 +15,7 @@ from tactuator.io.controller import write_controller
 from tactuator.io.record import read_record
 from tactuator.rig.board.link import Mode
 from tactuator.rig.transport import InProcess
-from tests.console.pages import ONE, address_of, opened_page, pressed, saved_by, tab_to, watched_page
+from tests.console.pages import ONE, address_of, go, opened_page, pressed, saved_by, tab_to, watched_page
 from tests.console.test_accessibility_chromium import AXE, faults
 from tests.console.test_drags_chromium import ASLANT, NEAR_PX, pulled
 
@@ -102,6 +102,12 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     frames_past(page)
     page.keyboard.press("Escape")
     page.wait_for_selector("#rig-mode:has-text('at rest')")
+    go(page, "display")  # a view without the rig stops it too, even where a field has the focus
+    console.host.call("live")
+    until(page, lambda: console.host.status.mode == "live")
+    page.locator("#text").focus()
+    page.keyboard.press("Escape")
+    until(page, lambda: console.host.status.mode == "idle")
 
 
 PROGRAM = "import sys; from tactuator.cli import main; sys.exit(main())"

@@ -42,8 +42,11 @@ class Client:
     port: int
 
     def get(self, path: str) -> Answer:
+        return self.request("GET", path, {})
+
+    def request(self, method: str, path: str, headers: dict[str, str]) -> Answer:
         connection = HTTPConnection("127.0.0.1", self.port, timeout=10.0)
-        connection.request("GET", path)
+        connection.request(method, path, headers=headers)
         response = connection.getresponse()
         names = {name.title(): value for name, value in response.getheaders()}
         answer = Answer(response.status, names, response.read().decode())

@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager
 from importlib.resources import files
 
 import uvicorn
-from fastapi import FastAPI, Response, WebSocket
+from fastapi import FastAPI, Request, Response, WebSocket
 
 from tactuator.console.connection import ConsoleConnection
 from tactuator.console.rig_connection import RigConnection
@@ -21,7 +21,7 @@ from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
 from tactuator.console.study import StudyAtRig
-from tactuator.console.uploads import add_file_routes
+from tactuator.console.uploads import add_file_routes, bears_token
 from tactuator.web.pages import HEADERS, answer_plainly, file_response, plain_text
 from tactuator.web.pages import static_file as shared_file
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, refuse
@@ -61,6 +61,14 @@ def build_console(
     @app.get("/static/{name}")
     async def static(name: str) -> Response:
         return static_file(name) or shared_file(name) or plain_text(_NOTHING, 404)
+
+    @app.post("/rest")
+    async def rest(request: Request) -> Response:
+        """Bring the rig to rest, from whichever view: a connection may be at work on another request of its page."""
+        if session is None or not bears_token(request, token):
+            return plain_text("That needs a rig, and the token of the page.", 403)
+        session.end("rest")
+        return plain_text("The rig comes to rest.")
 
     add_file_routes(app, state.uploads, token)
     _add_connection(app, "/ws", token, lambda socket: ConsoleConnection(socket, state, apart).serve())

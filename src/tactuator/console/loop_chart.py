@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
@@ -105,121 +108,46 @@ def _tile(finding: Finding) -> dict[str, str]:
     }
 
 
-_BEYOND = 1e6
 _POINTS = 240
 _INSTANTS, _STEP_S = 320, 0.4
+_FOLD = 1e-6
+"""Share of a step's end that the inverse transform folds back onto its beginning; half the digits of a double."""
 
 
-@dataclass(frozen=True)
-class States:
-    """One system in state space, sampled: x' = a x + b u, y = c x + d u; shapes (n, n), (n,), (n,)."""
-
-    a: FloatArray
-    b: FloatArray
-    c: FloatArray
-    d: float
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Answers of closed loops, (loops, instants): `asked`, to a step of one volt at the loop's input; `pushed`, to one
-    volt added to the command. stable: whether each loop's own poles lie inside the unit circle, (loops,)."""
-
-    asked: FloatArray
-    pushed: FloatArray
-    stable: FloatArray
-
-
-def states_of(system: SampledSystem) -> States:
-    """Return the states of a system: its sections one behind the other, then its delay."""
-    states = States(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0)
-    for b0, b1, b2, a0, a1, a2 in system.sections() / 1.0:
-        section = States(
-            np.array([[-a1, 1.0], [-a2, 0.0]]) / np.array([[a0, 1.0], [a0, 1.0]]),
-            np.array([b1 - a1 * b0 / a0, b2 - a2 * b0 / a0]) / a0,
-            np.array([1.0, 0.0]),
-            b0 / a0,
-        )
-        states = _behind(states, section)
-    for _ in range(system.delay_samples):
-        states = _behind(states, States(np.zeros((1, 1)), np.ones(1), np.ones(1), 0.0))
-    return states
-
-
-def padded(plants: Sequence[States]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return systems stacked, (loops, n, n), (loops, n), (loops, n), (loops,): smaller ones get states that rest."""
-    order = max(plant.b.size for plant in plants)
-    a, b, c = np.zeros((len(plants), order, order)), np.zeros((len(plants), order)), np.zeros((len(plants), order))
-    for place, plant in enumerate(plants):
-        size = plant.b.size
-        a[place, :size, :size], b[place, :size], c[place, :size] = plant.a, plant.b, plant.c
-    return a, b, c, np.array([plant.d for plant in plants])
-
-
-def steps(
-    controller: States, plants: tuple[FloatArray, FloatArray, FloatArray, FloatArray], stride: int, instants: int
-) -> Steps:
-    """Return the steps of one controller around many plants, at every `stride`-th sample from 0 on.
-
-    The loop is a cascade of second-order sections in state space, r -> (+) -> C -> (+ d) -> P -> y, closed without any
-    polynomial of the whole. The rows c A^k at every instant are made by doubling, so that hundreds of instants of
-    dozens of loops are a few matrix products.
+@dataclass(frozen=True, eq=False)
+class StepCircle:
+    """A circle |z| = radius, by which steps come of responses: the inverse z-transform, y[k] = radius^k times the
+    inverse FFT of Y on it. Every pole lies inside where the loop is stable, and what comes after `count` samples folds
+    back onto the beginning, weighed by radius^-count (Abate & Whitt 1992, Queueing Systems 10).
     """
-    ap, bp, cp, dp = plants
-    loops, size, other = len(dp), controller.b.size, ap.shape[1]
-    through = 1.0 / (1.0 + controller.d * dp)
-    # u = by_controller xc + by_plant xp + by_input (r, d), the loop closed
-    by_controller = controller.c[None] * through[:, None]
-    by_plant = -controller.d * cp * through[:, None]
-    by_input = np.stack([controller.d * through, through], axis=1)
-    order = size + other
-    a, b = np.zeros((loops, order, order)), np.zeros((loops, order, 2))
-    bc = controller.b
-    a[:, :size, :size] = controller.a - bc[:, None] * (dp[:, None] * by_controller)[:, None, :]
-    a[:, :size, size:] = -bc[:, None] * (cp + dp[:, None] * by_plant)[:, None, :]
-    a[:, size:, :size] = bp[:, :, None] * by_controller[:, None, :]
-    a[:, size:, size:] = ap + bp[:, :, None] * by_plant[:, None, :]
-    b[:, :size] = bc[:, None] * (np.array([1.0, 0.0]) - dp[:, None] * by_input)[:, None, :]
-    b[:, size:] = bp[:, :, None] * by_input[:, None, :]
-    rows = np.concatenate([dp[:, None] * by_controller, cp + dp[:, None] * by_plant], axis=1)
-    with np.errstate(all="ignore"):
-        asked, pushed = _outputs(a, b, rows, dp[:, None] * by_input, stride, instants)
-    stable = np.max(np.abs(np.linalg.eigvals(a)), axis=1) < 1.0
-    return Steps(_bounded(asked), _bounded(pushed), stable)
 
+    count: int
 
-def _outputs(
-    a: FloatArray, b: FloatArray, rows: FloatArray, direct: FloatArray, stride: int, instants: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return y for a constant input of one, for each of both inputs: their values are states that never change."""
-    loops, order, _ = b.shape
-    whole = np.zeros((loops, order + 2, order + 2))
-    whole[:, :order, :order], whole[:, :order, order:] = a, b
-    whole[:, order:, order:] = np.eye(2)
-    values = np.concatenate([rows, direct], axis=1)[:, None, :]
-    power = np.linalg.matrix_power(whole, stride)
-    while values.shape[1] < instants:
-        values = np.concatenate([values, values @ power], axis=1)
-        power = power @ power
-    return values[:, :instants, order], values[:, :instants, order + 1]
+    @cached_property
+    def z(self) -> ComplexArray:
+        """Return the upper half of the circle, (count // 2 + 1,)."""
+        return np.asarray(self._radius * np.exp(2j * np.pi * np.arange(self.count // 2 + 1) / self.count))
 
+    @property
+    def _radius(self) -> float:
+        return float(_FOLD ** (-1.0 / self.count))
 
-def _behind(first: States, second: States) -> States:
-    apart = np.zeros((first.b.size, second.b.size))
-    a = np.block([[first.a, apart], [np.outer(second.b, first.c), second.a]])
-    b, c = np.append(first.b, second.b * first.d), np.append(second.d * first.c, second.c)
-    return States(a, b, c, second.d * first.d)
+    def response(self, system: SampledSystem) -> ComplexArray:
+        """Return the response of a system on the circle."""
+        zeros, poles = (np.prod(self.z[:, None] - roots, axis=1) for roots in (system.zeros, system.poles))
+        return np.asarray(system.gain * zeros / poles / self.z**system.delay_samples)
 
-
-def _bounded(values: FloatArray) -> FloatArray:
-    return np.clip(np.nan_to_num(values, nan=0.0, posinf=_BEYOND, neginf=-_BEYOND), -_BEYOND, _BEYOND)
+    def steps(self, closed: ComplexArray) -> FloatArray:
+        """Return the answers to a step of one, (..., count), of systems by their responses on the circle."""
+        values = scipy.fft.irfft(closed * self.z / (self.z - 1.0), self.count, axis=-1)
+        return np.asarray(values * self._radius ** np.arange(self.count))
 
 
 @dataclass(frozen=True)
 class ChannelPlants:
     """Plants of a channel, computed once for one controller after another: channel, family (the
-    nominal plant first), frequencies (n,) in hertz, responses of the plants (members, n), and their states; every
-    `stride`-th sample of a step is shown.
+    nominal plant first), frequencies (n,) in hertz and responses of the plants there, (members, n), and on the circle
+    that gives their steps; every `stride`-th sample of a step is shown.
     """
 
     display: Display
@@ -227,7 +155,8 @@ class ChannelPlants:
     family: tuple[Member, ...]
     frequency_hz: FloatArray
     response: ComplexArray
-    states: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+    circle: StepCircle
+    on_circle: ComplexArray
     stride: int
 
     @property
@@ -247,8 +176,9 @@ def channel_plants(display: Display, channel: Channel) -> ChannelPlants:
     frequency = _grid_hz(display, channel, family)
     plants = np.array([member.sampled.response(frequency) for member in family])
     stride = max(1, round(_STEP_S * display.rate_hz / _INSTANTS))
-    states = padded([states_of(member.sampled) for member in family])
-    return ChannelPlants(display, channel, family, frequency, plants, states, stride)
+    circle = StepCircle(scipy.fft.next_fast_len(_INSTANTS * stride, real=True))
+    on_circle = np.array([circle.response(member.sampled) for member in family])
+    return ChannelPlants(display, channel, family, frequency, plants, circle, on_circle, stride)
 
 
 def _grid_hz(display: Display, channel: Channel, family: tuple[Member, ...]) -> FloatArray:
@@ -306,6 +236,8 @@ def _points(loop: ComplexArray, ascending: bool = False) -> list[list[float]]:
     return rounded
 
 
+_AT_REST = 1e-9
+"""Distance from z = 1 within which a pole lies at rest, as an integrator's does."""
 _DRAWN_DB, _DRAWN_DEG = 0.02, 0.1
 """What the drawn frequencies leave open: a design that stands exactly at its limits does not pass them."""
 
@@ -321,7 +253,7 @@ def frame(plants: ChannelPlants, feedback: SampledSystem) -> dict[str, Any]:
     loops = LoopFigures(np.asarray(feedback.response(plants.frequency_hz) * plants.response))
     gain, phase = db(loops.loop), continuous_phase_deg(loops.loop)
     sense, complement = db(loops.sensitivity), db(loops.complementary)
-    moved = steps(states_of(feedback), plants.states, plants.stride, plants.time_s.size)
+    stable = _is_stable(plants, feedback, loops)
     curves = [
         {
             "load": plants.family[place].load,
@@ -341,10 +273,8 @@ def frame(plants: ChannelPlants, feedback: SampledSystem) -> dict[str, Any]:
         if len(plants.family) > 1
         else None,
         "templates": list(_templates(plants, phase, gain)) if len(plants.family) > 1 else [],
-        "steps": _steps(plants, moved),
-        "unstable": [
-            member.name for member, stable in zip(plants.family, moved.stable.tolist(), strict=True) if not stable
-        ],
+        "steps": _steps(plants, feedback, stable),
+        "unstable": [member.name for member, each in zip(plants.family, stable, strict=True) if not each],
         "crossed": list(_crossed(plants, loops, sense, complement)),
     }
 
@@ -359,12 +289,24 @@ def _templates(plants: ChannelPlants, phase: FloatArray, gain: FloatArray) -> It
             yield np.round(hull(np.array(points).T), 2).tolist()
 
 
-def _steps(plants: ChannelPlants, moved: Steps) -> dict[str, Any]:
+def _is_stable(plants: ChannelPlants, feedback: SampledSystem, loops: LoopFigures) -> NDArray[np.bool_]:
+    poles = [np.append(feedback.poles, member.sampled.poles) for member in plants.family]
+    at_rest = np.array([np.sum(np.abs(each - 1.0) < _AT_REST) for each in poles])
+    return loops.is_stable(at_rest, np.array([np.sum(np.abs(each) > 1.0 + _AT_REST) for each in poles]))
+
+
+def _steps(plants: ChannelPlants, feedback: SampledSystem, stable: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the steps of the loops that are stable: `asked`, one volt at the loop's input; `pushed`, one volt added to
+    the command. None: of an unstable loop.
+    """
+    loop = plants.circle.response(feedback) * plants.on_circle
     shown: dict[str, Any] = {}
-    for name, values in (("asked", moved.asked), ("pushed", moved.pushed)):
-        shown[name] = {"curves": [_plain(values[place], 4) for place in plants.shown]}
-        if len(plants.family) > 1:
-            shown[name]["envelope"] = [_plain(values.min(axis=0), 4), _plain(values.max(axis=0), 4)]
+    for name, forward in (("asked", loop), ("pushed", plants.on_circle)):
+        values = plants.circle.steps(forward / (1.0 + loop))[:, :: plants.stride][:, :_INSTANTS]
+        shown[name] = {"curves": [_plain(values[place], 4) if stable[place] else None for place in plants.shown]}
+        if len(plants.family) > 1 and np.any(stable):
+            held = values[stable]
+            shown[name]["envelope"] = [_plain(held.min(axis=0), 4), _plain(held.max(axis=0), 4)]
     return shown
 
 

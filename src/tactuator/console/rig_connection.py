@@ -156,19 +156,7 @@ async def look(page: RigConnection, look: Look) -> Answer:
 
 async def stop(page: RigConnection) -> Answer:
     """Let the generator go silent; any page may stop an experiment."""
-    return await _ended(page, "generate", None)
-
-
-async def rest(page: RigConnection) -> Answer:
-    """End what goes on, and bring the rig to rest; any page may stop an experiment."""
-    return await _ended(page, "rest")
-
-
-async def _ended(page: RigConnection, name: str, *arguments: object) -> Answer:
-    if page.controls.reserved is None:
-        page.rig.call(name, *arguments)
-    else:
-        page.controls.reserved()
+    page.session.end("generate", None)
     return {}
 
 
@@ -284,7 +272,7 @@ def measure(page: RigConnection, settings: MeasureSettings) -> Answer:
 
 
 _FUNCTIONS = (
-    take, give, live, stop, rest, reopen, controller, wave, peaks, touch, press, measure, expected, look, drawn, save
+    take, give, live, stop, reopen, controller, wave, peaks, touch, press, measure, expected, look, drawn, save
 )  # fmt: skip
 REQUESTS: Functions = {function.__name__: function for function in _FUNCTIONS}
 """Functions of RigConnection."""

@@ -158,6 +158,13 @@ class RigSession:
         self._controller, self.rig.levels = controller, Levels(controller.display)
         self.rig.call("load", controller)
 
+    def end(self, name: str, *arguments: object) -> None:
+        """Call what ends something on the rig; an experiment that has the rig is stopped instead."""
+        if self.controls.reserved is None:
+            self.rig.call(name, *arguments)
+        else:
+            self.controls.reserved()
+
     def loaded_controller(self) -> Controller:
         """Return the controller that is loaded. Raises BadInput while there is none."""
         if self._controller is None or not self.rig.status.loaded:

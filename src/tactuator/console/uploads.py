@@ -107,15 +107,17 @@ async def _written(path: Path, blocks: AsyncIterator[bytes]) -> None:
             file.write(block)
 
 
+def bears_token(request: Request, token: str) -> bool:
+    """Return whether a request that is no connection bears the page's token."""
+    return hmac.compare_digest(request.headers.get("x-token", "").encode(), token.encode())
+
+
 def add_file_routes(app: FastAPI, uploads: UploadedFiles, token: str) -> None:
     """Add the routes of the uploads to the console's application; each request bears the token in a header."""
 
-    def allowed(request: Request) -> bool:
-        return hmac.compare_digest(request.headers.get("x-token", "").encode(), token.encode())
-
     @app.post("/drop")
     async def drop(request: Request) -> Response:
-        if not allowed(request):
+        if not bears_token(request, token):
             return plain_text("That needs the token of the page.", 403)
         try:
             key = await uploads.take(unquote(request.headers.get("x-name", "")), request.stream())
@@ -127,7 +129,7 @@ def add_file_routes(app: FastAPI, uploads: UploadedFiles, token: str) -> None:
 
     @app.get("/made/{key}/{name}")
     async def made(request: Request, key: str, name: str) -> Response:
-        if not allowed(request):
+        if not bears_token(request, token):
             return plain_text("That needs the token of the page.", 403)
         try:
             folder = uploads.path(key).parent

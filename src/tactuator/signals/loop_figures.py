@@ -10,11 +10,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 
 _LIGHT = 3.0
 """A root whose imaginary part is so many times its real part is followed by the grid: damping below 0.32."""
+
+_TURN_OFF = 0.6 * np.pi
+"""A closed pole that is unstable takes a turn of pi; a grid from above rest to below half the rate lacks half of it."""
 
 
 def around_modes_hz(roots: ComplexArray) -> FloatArray:
@@ -66,6 +70,13 @@ class LoopFigures:
         unstable pole of L and half of it for each at rest, where the closed loop is stable (Nyquist)."""
         angle = np.angle(1.0 + self.loop)
         return np.asarray(np.sum((np.diff(angle, axis=1) + np.pi) % (2.0 * np.pi) - np.pi, axis=1))
+
+    def is_stable(self, at_rest: ArrayLike, outside: ArrayLike) -> NDArray[np.bool_]:
+        """Return whether 1 + L turns as often as a stable loop's does, (n,): see `turned`. at_rest, outside: number of
+        poles of L at rest and unstable ones, of each loop or of all.
+        """
+        wanted = np.pi * (0.5 * np.asarray(at_rest) + np.asarray(outside))
+        return np.asarray(np.abs(self.turned - wanted) < _TURN_OFF)
 
     def phase_margin_deg(self, part: slice = slice(None)) -> tuple[FloatArray, ComplexArray]:
         """Return each loop's least phase margin on a part of the grid, (n,), and the weights (n, size) with which it

@@ -174,11 +174,11 @@ class _Grids:
         return np.asarray(np.max(np.abs(db(position / self._asked_v)), axis=1))
 
     def _is_stable(self, loops: LoopFigures) -> NDArray[np.bool_]:
-        """Tell whether 1 + L turns as often as that of a stable loop around the nominal plant."""
+        """Return whether loops are stable, by the poles of the nominal plant."""
         poles = self._channel.plant.poles
         at_rest = self._integrators + int(np.sum(np.abs(poles) < 1e-9))
         outside = int(np.sum(poles.real > 1e-9))
-        return np.asarray(np.abs(loops.turned - np.pi * (0.5 * at_rest + outside)) < 0.6 * np.pi)
+        return loops.is_stable(at_rest, outside)
 
 
 def _drawn(

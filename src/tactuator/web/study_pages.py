@@ -93,7 +93,7 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
     async def operator_page() -> Response:
         if pages.lab is None:
             return plain_text(_NOTHING, 404)
-        parts = ("texts", "track", "curve", "tables", "enrol", "operator_panel", "operator")
+        parts = ("texts", "runs", "tables", "enrol", "operator_panel", "operator")
         return page("operator", pages.lab.words, parts)
 
 

@@ -2,7 +2,7 @@
 import { address, keepToken, read, takeToken, write } from "./address.js";
 import { banner, displayName, el, make, names, refusal } from "./dom.js";
 import { Link } from "./link.js";
-import { leftRig } from "./rig.js";
+import { leftRig, stopRig } from "./rig.js";
 import { VIEWS } from "./views.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
@@ -90,5 +90,7 @@ window.addEventListener("hashchange", () => {
   const token = takeToken();
   if (token === link.token) route(); else renew(token);
 });
+// Caught ahead of the fields and tips for which the key means something too.
+window.addEventListener("keydown", (event) => { if (event.key === "Escape" && about?.rig) stopRig(); }, true);
 window.addEventListener("resize", () => shown?.resize?.());
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => shown?.restyle?.());

@@ -19,7 +19,7 @@ export class Plots {
     this.all = [this.open, this.sense, this.closed, this.asked, this.pushed];
   }
 
-  // kept: curves of kept designs.
+  // kept: curves of kept designs. A loop that is unstable has no steps.
   show(frame, kept) {
     const { frequency_hz: x, time_s: t } = this.basis, family = (at, band) => (band ? [{ name: "family", hue: "shade", quiet: true, x: at, band }] : []);
     for (const [chart, name] of [[this.open, "gain_db"], [this.sense, "s_db"], [this.closed, "t_db"]]) {
@@ -27,10 +27,10 @@ export class Plots {
         ...kept.map((one) => ({ name: "", hue: "kept", x, y: one[name], dash: [2, 3], width: 1.2 }))]);
     }
     for (const name of ["asked", "pushed"]) {
-      const { curves, envelope } = frame.steps[name], ends = (envelope ?? curves).flat().filter((one) => Math.abs(one) < (name === "asked" ? 3 : 1e3));
+      const { curves, envelope } = frame.steps[name], ends = (envelope ?? curves.filter(Boolean)).flat().filter((one) => Math.abs(one) < (name === "asked" ? 3 : 1e3));
       const low = Math.min(0, ...ends), high = Math.max(name === "asked" ? 1.2 : 1e-3, ...ends);
       this[name].range = [low - 0.05 * (high - low), high + 0.05 * (high - low)];
-      this[name].show([...family(t, envelope), ...curves.map((y, i) => ({ name: this.names[i], hue: HUES[i] ?? "load", x: t, y, dash: i ? [7, 4] : [] }))]);
+      this[name].show([...family(t, envelope), ...curves.map((y, i) => ({ name: this.names[i], hue: HUES[i] ?? "load", x: y ? t : [], y, dash: i ? [7, 4] : [] }))]);
     }
   }
 

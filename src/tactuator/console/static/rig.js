@@ -23,6 +23,9 @@ export function takenRig(told, pushed) {
 // Where a view without the rig is shown the page lets it go: the generator goes silent.
 export function leftRig() { if (held && !held.pushed) held.end(); }
 
+// There is one stop, of every view: all that goes on ends, whichever page began it. It waits for no other request.
+export const stopRig = () => fetch("/rest", { method: "POST", headers: { "x-token": sessionStorage.getItem("token") ?? "" } }).then(() => banner(""), () => {});
+
 class Rig {
   constructor() {
     Object.assign(this, { standing: null, open: false, loading: 0, forFile: false });
@@ -31,18 +34,16 @@ class Rig {
     this.mode = make("strong", { id: "rig-mode" }, "connecting");
     this.more = make("span", { id: "rig-more" });
     this.held = make("span", { id: "rig-held" });
-    const press = (id, text, what, more = {}) => make("button", { type: "button", id, onclick: () => this.do(what), ...more }, text);
-    this.buttons = { take: press("take", "Take over", "take"), give: press("give", "Give back", "give"), reopen: press("reopen", "Open the rig again", "reopen"),
-      stop: press("stop", "Stop", "rest", { class: "stop", title: "Escape: all that goes on ends, and the rig comes to rest" }) };
+    const press = (id, text, pressed, more = {}) => make("button", { type: "button", id, onclick: pressed, ...more }, text);
+    this.buttons = { take: press("take", "Take over", () => this.do("take")), give: press("give", "Give back", () => this.do("give")), reopen: press("reopen", "Open the rig again", () => this.do("reopen")),
+      stop: press("stop", "Stop", stopRig, { class: "stop", title: "Escape: all that goes on ends, and the rig comes to rest" }) };
     this.bar.append(make("span", {}, this.mode, " ", this.more), this.held, make("span", { class: "gap" }), ...Object.values(this.buttons));
     this.link = new Link(sessionStorage.getItem("token") ?? "", (what) => this.connection(what), (message) => this.take(message), "/ws/rig");
-    this.key = (event) => { if (event.key === "Escape") this.stop(); };
-    addEventListener("keydown", this.key);
   }
 
   // A view leaves it.
   close() { Object.assign(this, { told: () => {}, pushed: null }); }
-  end() { held = null; removeEventListener("keydown", this.key); this.link.close(); }
+  end() { held = null; this.link.close(); }
   get watches() { return this.standing?.controls !== "you"; }
   get mayPlay() { return this.open && !this.watches && !this.loading && !["gone", "fault"].includes(this.standing.mode); }
   get has() { return this.watches ? HOLDERS[this.standing.controls] : ""; }
@@ -62,7 +63,7 @@ class Rig {
     if (message.refused) banner(message.refused);
     if (message.standing) {
       const before = this.standing?.mode, played = this.standing?.wave?.kind, { wave, mode } = this.standing = message.standing;
-      if (this.forFile && played === "file" && !wave && mode === "live" && !this.watches) this.do("rest"); // the file is over, or was stopped
+      if (this.forFile && played === "file" && !wave && mode === "live" && !this.watches) stopRig(); // the file is over, or was stopped
       this.forFile &&= wave?.kind === "file" || played !== "file";
       if (before !== this.standing.mode && this.standing.controls !== "experiment") say(MODES[this.standing.mode]);
       this.show();
@@ -98,9 +99,6 @@ class Rig {
 
   // A controller is on its way to the rig, or is there: what began meanwhile would be ended by it.
   loads(on) { this.loading += on ? 1 : -1; this.told(); }
-
-  // There is one stop: all that goes on ends, whoever began it.
-  stop() { return this.do("rest"); }
 
   async do(what, more = {}) {
     try {
