@@ -205,7 +205,7 @@ def test_study__at_the_consoles_rig__stores_what_one_at_its_own_rig_does(console
 
 
 def test_stop__of_a_page_that_watches__ends_what_the_study_plays(console, studies, protocol):
-    with loaded(console) as page:
+    with loaded(console):
         studies.ask("begin", protocol=protocol, store="stopped.db")
         with console.websocket_connect("/ws/operator") as socket:
             session = operator(socket)["sessions"][0]["id"]
