@@ -12,7 +12,6 @@ from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.model.description import Converter
-from tactuator.rig.rig import WrappedRig
 from tactuator.rig.simulated import ComputedRig, SimulatedRig
 from tactuator.runtime.simulation import Simulation
 from tests.measure.loops import QUIET, QUIETER, loop_response
@@ -37,15 +36,15 @@ class Leaking(Simulation):
         return replace(block, **{self.signal: moved})
 
 
-class WithoutPorts(WrappedRig):
+class WithoutPorts(ComputedRig):
     """The rig as if its display were real: the sensors alone say what moves."""
 
     has_finger_ports = False
 
 
 def leaking(share=0.1, made=MADE, signal="displacement_mm"):
-    rig = ComputedRig(made.display, Leaking(made, share, signal))
-    return rig if signal == "displacement_mm" else WithoutPorts(rig)
+    of = ComputedRig if signal == "displacement_mm" else WithoutPorts
+    return of(made.display, Leaking(made, share, signal))
 
 
 def measured(rig, hertz=HERTZ, level_db_sl=30.0, made=MADE, **asked):
@@ -110,7 +109,7 @@ def test_crosstalk__noise_above_threshold__is_averaged_until_no_more_is_left_ope
 
 def test_crosstalk__what_cannot_be_measured__is_refused() -> None:
     alone = controller(display(channel(environment=QUIET)))
-    deaf = WithoutPorts(leaking())
+    deaf = leaking(signal="position_v")
     deaf.without_sensor = ("thumb", "middle")
     for rig, asked, words in (
         (leaking(), {"channel": ["ring"]}, "'ring' is not described"),

@@ -62,7 +62,7 @@ class ConsoleRig(Rig):
         number = next(self._numbers)
         while not self._told.empty():  # of before
             self._told.get()
-        self._began_at, self._rows_played = None, 0
+        self.began_at, self.rows_played = None, 0
         if self._process.status.mode == "gone":
             fault = self._process.status.fault
             raise DeviceFault(fault) if fault else DeviceFault("the rig has gone", "open it again")
@@ -71,10 +71,10 @@ class ConsoleRig(Rig):
             if piece.fault:
                 raise (TimingMissed if piece.missed else DeviceFault)(piece.fault)
             if piece.began_at is not None:
-                self._began_at = piece.began_at
+                self.began_at = piece.began_at
             if piece.trace is not None:
-                count = self._rows_played + len(piece.trace)
-                self._rows_played = count if piece.rows_played is None else piece.rows_played
+                count = self.rows_played + len(piece.trace)
+                self.rows_played = count if piece.rows_played is None else piece.rows_played
                 yield piece.trace
 
     def drive(self, command_v: ArrayLike) -> Trace:

@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.console.generator import Generator, GeneratorWave
@@ -39,7 +38,7 @@ from tactuator.model.description import Display
 from tactuator.plain import picked
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
-from tactuator.rig.rig import Rig, Trace, WrappedRig, touch_all
+from tactuator.rig.rig import Rig, Trace, touch_all
 from tactuator.rig.simulated import PacedRig
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardGone
@@ -305,8 +304,8 @@ class RigWorker:
                     read = tuple(as_read(each, controller, settings.confidence_db) for each in responses)
                     self._tell("take_points", points_of(read, controller, settings, Path(folder), over))
 
-                watched = WatchedRig(self._opened, self._halt.is_set)
-                stepped_sine(watched, np.array(settings.frequency_hz), settings, so_far=tell)
+                watch = partial(watched, halted=self._halt.is_set)
+                stepped_sine(self._opened, np.array(settings.frequency_hz), settings, so_far=tell, watch=watch)
                 tell(measured_so_far, over=True)
         except RigHalted:
             self._rest()
@@ -369,33 +368,15 @@ class RigHalted(Exception):
     """Raised where what goes on at the rig is to stop."""
 
 
-class WatchedRig(WrappedRig):
-    """The given rig; `halted` is asked with every piece of a stream, and before anything begins."""
-
-    def __init__(self, rig: Rig, halted: Callable[[], bool]) -> None:
-        super().__init__(rig)
-        self._halted = halted
-
-    def play(self, reference: ArrayLike) -> Trace:
-        """Play a block; a halt comes after it."""
-        self._go_on()
-        return self._rig.play(reference)
-
-    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """Stream blocks. Raises RigHalted as soon as that is wanted."""
-        self._go_on()
-        for trace in self._rig.stream(blocks):
-            self._go_on()
-            yield trace
-
-    def drive(self, command_v: ArrayLike) -> Trace:
-        """Drive the motors; a halt comes after it."""
-        self._go_on()
-        return self._rig.drive(command_v)
-
-    def _go_on(self) -> None:
-        if self._halted():
-            raise RigHalted
+def watched(traces: Iterable[Trace], halted: Callable[[], bool]) -> Iterator[Trace]:
+    """Yield traces as they come. Raises RigHalted as soon as `halted` says so, before anything begins as well."""
+    source = iter(traces)
+    while not halted():
+        trace = next(source, None)
+        if trace is None:
+            return
+        yield trace
+    raise RigHalted
 
 
 def presented(
@@ -416,7 +397,7 @@ def presented(
         tell(Presented(number, trace, rig.began_at, played, **end))
 
     try:
-        for trace in WatchedRig(rig, halted).stream(blocks):
+        for trace in watched(rig.stream(blocks), halted):
             say(trace)
             yield trace
     except RigHalted:

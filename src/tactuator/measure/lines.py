@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.measure.options import MeasurementOptions
-from tactuator.rig.rig import Rig, Trace, recut_traces
+from tactuator.rig.rig import Plays, Trace, recut_traces
 from tactuator.signals.decibels import half_width_db
 from tactuator.signals.multisine import Multisine
 from tactuator.signals.spectra import LockIn, mains_multiples, mean_of_blocks, mean_over_frequency, off_mains
@@ -28,6 +28,7 @@ from tactuator.signals.spectra import LockIn, mains_multiples, mean_of_blocks, m
 Flags = NDArray[np.bool_]
 Play = Callable[[Iterable[FloatArray]], Iterator[Trace]]
 """What plays blocks (n,) of a wave, one after another without a gap, and yields the traces."""
+Watch = Callable[[Iterator[Trace]], Iterator[Trace]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +130,8 @@ def measure_lines(
     return lines
 
 
-def reference_on(rig: Rig, columns: Sequence[int]) -> Play:
-    """Return what plays a wave as the reference of these columns; the others stay silent."""
+def reference_on(rig: Plays, columns: Sequence[int], watch: Watch = iter) -> Play:
+    """Return what plays a wave as the reference of these columns; the others stay silent. watch: the traces pass it."""
 
     def references(waves: Iterable[FloatArray]) -> Iterator[FloatArray]:
         for wave in waves:
@@ -138,7 +139,7 @@ def reference_on(rig: Rig, columns: Sequence[int]) -> Play:
             reference[:, columns] = wave[:, None]
             yield reference
 
-    return lambda waves: rig.stream(references(waves))
+    return lambda waves: watch(rig.stream(references(waves)))
 
 
 _HARMONICS = 3

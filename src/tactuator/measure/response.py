@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.measure.lines import SETTLE_S, Lines, Periodic, Tone, measure_lines, reference_on
+from tactuator.measure.lines import SETTLE_S, Lines, Periodic, Tone, Watch, measure_lines, reference_on
 from tactuator.measure.options import MeasurementOptions
-from tactuator.rig.rig import Rig, require_sensors
+from tactuator.rig.rig import Rig, column_of, require_sensors
 from tactuator.runtime.simulation import REFERENCE_MAX
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.multisine import Multisine, multisine, multisine_lines, tones
@@ -30,17 +30,19 @@ def stepped_sine(
     *,
     progress: Progress | None = None,
     so_far: SoFar | None = None,
+    watch: Watch = iter,
 ) -> tuple[Response, ...]:
     """Measure the response of the loaded controller and display, one Response for each of the channels asked for.
 
     frequency_hz (m,): any order; each is played as it is, or within 2 % of it where it has to keep 2 Hz off mains.
     After settling it is played in blocks of whole periods until every channel's confidence is reached, or for
-    longest_s. progress is told the number of points done and of all, so_far the responses of those done, after each.
+    longest_s. progress is told the number of points done and of all, so_far the responses of those done, after each;
+    the traces pass through watch.
     Raises BadInput for frequencies outside the band or too near to mains, or an unknown channel.
     """
     columns = check_asked(rig, frequency_hz, options)
     frequencies = tones(frequency_hz, options.mains_hz, options.band_hz or (0.0, 0.45 * rig.rate_hz))
-    play, peak = reference_on(rig, columns), float(from_db(options.level_db_sl))
+    play, peak = reference_on(rig, columns, watch), float(from_db(options.level_db_sl))
     points: list[Lines] = []
     for hertz in frequencies.tolist():
         tone = Tone(hertz, peak, rig.rate_hz, options.mains_hz)
@@ -159,8 +161,6 @@ def check_frequencies(rig: Rig, frequency_hz: ArrayLike) -> None:
 def sensed_columns(rig: Rig, channels: Sequence[str] | None) -> list[int]:
     """Return the columns of channels (None: all). Raises BadInput for one that is not there, or has no sensor."""
     names = tuple(channels or rig.channels)
-    for name in names:
-        if name not in rig.channels:
-            raise BadInput(f"channel {name!r} is not there", ", ".join(rig.channels))
+    columns = [column_of(name, rig.channels) for name in names]
     require_sensors(rig, names)
-    return [rig.channels.index(name) for name in names]
+    return columns

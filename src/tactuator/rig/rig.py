@@ -1,5 +1,5 @@
-"""Rigs, under one base, with their finger ports, by which alone a program touches a display, presses and feels
-it; and the trace of what they played: simulated, on boards, on sound cards, of other packages.
+"""What a rig is, in three parts: it plays (`Plays`), keeps time (`KeepsTime`), and has finger ports (`HasFingers`), by
+which alone a program touches a display, presses and feels it; and the trace of what was played.
 """
 
 from __future__ import annotations
@@ -180,37 +180,19 @@ def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ..
     return Trace(rate_hz, channels, *(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
 
 
-class Rig(ABC):
-    """Something that runs a controller on the channels of one display. Rigs inherit from it.
+class Plays(ABC):
+    """What plays a reference through a controller, or a command, on channels at a rate.
 
     Its state carries on from block to block. Where time waits for the next block (simulated displays), two blocks are
     one long block cut in two; on a real board the reference is zero between them, and what must not be cut is streamed.
 
-    display: the one that the rig was made for. rate_hz: `4000.0`. channels: their names in the order of every array's
-    columns, `("index", "thumb", "middle")`. waits: whether time stands still between blocks. speed: of presentation, 1
-    being real time; None for a rig with a time of its own. without_sensor: names of the channels that have no sensor.
-    reshapes, feeds_forward: whether it plays what [strength] makes of a reference, and adds what [touch] learns of a
-    finger to the command; a rig that does not refuses such a controller. travel_v: what a sensor of displacement reads
-    at travel_mm, infinite for another sensor, (channels,).
+    rate_hz: `4000.0`. channels: their names in the order of every array's columns, `("index", "thumb", "middle")`.
+    without_sensor: names of those that have no sensor, `("thumb",)`.
     """
 
-    reshapes = feeds_forward = False
-    speed: float | None = None
+    rate_hz: float
+    channels: tuple[str, ...]
     without_sensor: tuple[str, ...] = ()
-
-    def __init__(self, display: Display) -> None:
-        self.display, self.rate_hz = display, display.rate_hz
-        self.channels = tuple(channel.name for channel in display.channels)
-        self._loaded = self.waits = False
-        self._began_at: int | None = None
-        self._rows_played = 0
-        self._fingers: tuple[Finger, ...] = ()
-        moved = [each.travel_mm if each.quantity == "displacement" else np.inf for each in display.channels]
-        self.travel_v = np.array(moved) * [each.sensor_gain_v_per_mm for each in display.channels]
-
-    def __repr__(self) -> str:
-        runs = "a controller runs" if self._loaded else "no controller yet"
-        return f"<{type(self).__name__} {self.display.name}: {', '.join(self.channels)} at {self.rate_hz:g} Hz, {runs}>"
 
     @abstractmethod
     def load(self, controller: Controller) -> None:
@@ -218,12 +200,15 @@ class Rig(ABC):
 
     @abstractmethod
     def play(self, reference: ArrayLike) -> Trace:
-        """Play a reference (n, channels), threshold units, through the controller. Raises BadInput without one."""
+        """Play a reference (n, channels), threshold units, through the controller. Raises BadInput without one.
+
+        Returns the trace of its n samples: `Trace(4000.0, ("index",), reference, command_v, position_v, saturated)`.
+        """
 
     @abstractmethod
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Play blocks of reference (n, channels), threshold units, one after another without a gap; yield the trace of
-        every sample, in pieces as they come.
+        every sample, in pieces as they come: of two blocks of 400, pieces of 128, 0, 272 and 400 perhaps.
 
         A block is asked for when it is needed, which is some time before it is played (none where time waits for it).
         A piece may be empty: where time goes on, one comes whenever the rig has reported its time (`rows_played`).
@@ -233,7 +218,10 @@ class Rig(ABC):
 
     @abstractmethod
     def drive(self, command_v: ArrayLike) -> Trace:
-        """Drive the motors with a command (n, channels), volts: no controller, no computing delay."""
+        """Drive the motors with a command (n, channels), volts: no controller, no computing delay.
+
+        Returns the trace of its n samples, whose reference is zero.
+        """
 
     @abstractmethod
     def rest(self) -> None:
@@ -253,22 +241,27 @@ class Rig(ABC):
     ) -> None:
         self.close()
 
-    # -- what a rig may have besides ----------------------------------------------------------------------------------
 
-    @property
-    def began_at(self) -> int | None:
-        """Return the tick (sample of its run) of the first row of the last block or stream, by the rig's own clock;
-        None before the first, and where it does not tell.
-        """
-        return self._began_at
+class KeepsTime:
+    """What has a clock: attributes that a rig sets while it plays.
 
-    @property
-    def rows_played(self) -> int:
-        """Return the number of rows of the stream that the rig has played, as far as it has reported.
+    began_at: tick (sample of its run) of the first row of the last block or stream by the rig's own clock, `8000`; None
+    before the first, and where it does not tell. rows_played: of that stream, as far as the rig has reported, `400`; on
+    a board whose time goes on that is more than the rows of which the trace has been read. waits: whether time stands
+    still between blocks. speed: of presentation, 1 being real time; None for a rig with a time of its own.
+    """
 
-        On a board whose time goes on that is more than the rows of which the trace has been read.
-        """
-        return self._rows_played
+    began_at: int | None = None
+    rows_played: int = 0
+    waits: bool = False
+    speed: float | None = None
+
+
+class HasFingers:
+    """What has a finger port for each channel where the display is simulated, and none where it is real."""
+
+    channels: tuple[str, ...]
+    _fingers: tuple[Finger, ...] = ()
 
     @property
     def has_finger_ports(self) -> bool:
@@ -276,20 +269,44 @@ class Rig(ABC):
         return bool(self._fingers)
 
     def finger(self, channel: str) -> Finger:
-        """Return the finger port of a channel.
+        """Return the finger port of a channel: `<Finger that finger can touch; attached: 0>`.
 
         Raises BadInput if there is none of that name, or the display is real.
         """
         if not self._fingers:
             raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
-        return self._fingers[self._index(channel)]
+        return self._fingers[column_of(channel, self.channels)]
+
+
+def column_of(channel: str, channels: Sequence[str]) -> int:
+    """Return the column of a channel. Raises BadInput if there is none of that name."""
+    if channel not in channels:
+        raise BadInput(f"channel {channel!r} is not there", ", ".join(channels))
+    return channels.index(channel)
+
+
+class Rig(Plays, KeepsTime, HasFingers):
+    """Something that runs a controller on the channels of one display. Rigs inherit from it.
+
+    display: the one that the rig was made for. reshapes, feeds_forward: whether it plays what [strength] makes of a
+    reference, and adds what [touch] learns of a finger to the command; a rig that does not refuses such a controller.
+    travel_v: what a sensor of displacement reads at travel_mm, infinite for another sensor, (channels,).
+    """
+
+    reshapes = feeds_forward = False
+
+    def __init__(self, display: Display) -> None:
+        self.display, self.rate_hz = display, display.rate_hz
+        self.channels = tuple(channel.name for channel in display.channels)
+        self._loaded = False
+        moved = [each.travel_mm if each.quantity == "displacement" else np.inf for each in display.channels]
+        self.travel_v = np.array(moved) * [each.sensor_gain_v_per_mm for each in display.channels]
+
+    def __repr__(self) -> str:
+        runs = "a controller runs" if self._loaded else "no controller yet"
+        return f"<{type(self).__name__} {self.display.name}: {', '.join(self.channels)} at {self.rate_hz:g} Hz, {runs}>"
 
     # -- what every rig asks before it plays --------------------------------------------------------------------------
-
-    def _index(self, channel: str) -> int:
-        if channel not in self.channels:
-            raise BadInput(f"channel {channel!r} is not there", f"{', '.join(self.channels)}")
-        return self.channels.index(channel)
 
     def require_runs(self, controller: Controller) -> None:
         """Raise BadInput for a controller that is for another display, or does what this rig leaves out."""
@@ -341,49 +358,7 @@ def with_felt(rig: Rig, traces: Iterable[Trace]) -> Iterator[tuple[Trace, FloatA
             port.detach(gauge)
 
 
-class WrappedRig(Rig):
-    """A rig around another, whose display, controller, finger ports, time and rest it has."""
-
-    def __init__(self, rig: Rig) -> None:
-        super().__init__(rig.display)
-        self._rig, self.without_sensor = rig, rig.without_sensor
-
-    def load(self, controller: Controller) -> None:
-        """Make the controller the one that runs, as the rig does."""
-        self._rig.load(controller)
-
-    def play(self, reference: ArrayLike) -> Trace:
-        """Play a reference, as the rig does."""
-        return self._rig.play(reference)
-
-    def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
-        """Stream blocks, as the rig does."""
-        return self._rig.stream(blocks)
-
-    def drive(self, command_v: ArrayLike) -> Trace:
-        """Drive the motors, as the rig does."""
-        return self._rig.drive(command_v)
-
-    def rest(self) -> None:
-        """Bring the output to rest."""
-        self._rig.rest()
-
-    @property
-    def began_at(self) -> int | None:
-        """Return the tick that the rig itself tells."""
-        return self._rig.began_at
-
-    @property
-    def has_finger_ports(self) -> bool:
-        """Return True where the rig itself has a simulated display."""
-        return self._rig.has_finger_ports
-
-    def finger(self, channel: str) -> Finger:
-        """Return the finger port of a channel; BadInput where the display is real."""
-        return self._rig.finger(channel)
-
-
-def require_sensors(rig: Rig, names: Iterable[str]) -> None:
+def require_sensors(rig: Plays, names: Iterable[str]) -> None:
     """Raise BadInput, naming the first, where one of the channels has no sensor."""
     for name in names:
         if name in rig.without_sensor:

@@ -16,7 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.parameters import checked
-from tactuator.rig.rig import Finger, Rig, Trace, WrappedRig, let_feel, take_forces
+from tactuator.rig.rig import Finger, Rig, Trace, let_feel, take_forces
 from tactuator.runtime.simulation import Block, Simulation
 from tactuator.runtime.tables import load_names
 
@@ -79,7 +79,7 @@ class ComputedRig(Rig):
         began_at = self._ticks
         for block in blocks:
             trace = self.play(block)
-            self._began_at, self._rows_played = began_at, self._ticks - began_at
+            self.began_at, self.rows_played = began_at, self._ticks - began_at
             yield trace
 
     def drive(self, command_v: ArrayLike) -> Trace:
@@ -98,7 +98,7 @@ class ComputedRig(Rig):
             self.drive(np.zeros((round(settle_s * self.rate_hz), len(self._fingers))))
 
     def _begin(self, count: int) -> FloatArray | None:
-        self._began_at, self._rows_played, self._ticks = self._ticks, count, self._ticks + count
+        self.began_at, self.rows_played, self._ticks = self._ticks, count, self._ticks + count
         return take_forces(self._fingers, count)
 
     def _trace(self, block: Block, reference: FloatArray) -> Trace:
@@ -133,13 +133,18 @@ _FADE_S, _FADE_POWER, _QUIET_S = 0.017, 2.5, 0.06
 let go in mid-swing moves on, which is felt. Tones of 100 Hz are silent in 10 ms at any phase; after a cosine, in 20."""
 
 
-class PacedRig(WrappedRig):
+class PacedRig(Rig):
     """The given `rig`, slowed down: each block takes its own duration over `speed` (1: real time)."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
-        super().__init__(rig)
-        self.speed: float = speed
+        super().__init__(rig.display)
+        self._rig, self.speed = rig, speed
+        self._fingers, self.without_sensor = rig._fingers, rig.without_sensor
         self._coming: Iterator[FloatArray] = iter(())  # what a computed stream that goes on has not played yet
+
+    def load(self, controller: Controller) -> None:
+        """Make the controller the one that runs."""
+        self._rig.load(controller)
 
     def play(self, reference: ArrayLike) -> Trace:
         """Play, and wait until the block would be over."""
@@ -147,13 +152,13 @@ class PacedRig(WrappedRig):
 
     def stream(self, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
         """Stream, and wait with each piece of the trace until it would have been played."""
-        began_s, self._rows_played = time.monotonic(), 0
+        began_s, self.rows_played = time.monotonic(), 0
         if isinstance(self._rig, ComputedRig):
             blocks = self._coming = self._pieces(blocks)
         for trace in self._rig.stream(blocks):
-            count = self._rows_played + len(trace)
+            count = self.rows_played + len(trace)
             self._wait(trace, began_s, count)
-            self._rows_played = count
+            self.rows_played = count
             yield trace
 
     def _pieces(self, blocks: Iterable[ArrayLike]) -> Iterator[FloatArray]:
@@ -186,4 +191,5 @@ class PacedRig(WrappedRig):
         left_s = count / self.rate_hz / self.speed - (time.monotonic() - began_s)
         if left_s > 0.0:
             time.sleep(left_s)
+        self.began_at = self._rig.began_at
         return trace

@@ -27,8 +27,9 @@ from tactuator.measure.finger import (
 )
 from tactuator.model.controller import Controller
 from tactuator.report.design_figures import landing_figure
-from tactuator.rig.rig import Trace, WrappedRig
-from tactuator.rig.simulated import SimulatedRig
+from tactuator.rig.rig import Trace
+from tactuator.rig.simulated import ComputedRig, SimulatedRig
+from tactuator.runtime.simulation import Simulation
 from tests.measure.loops import RATE_HZ, controller, display
 from tests.runtime import test_touch
 from witnesses.touch import felt
@@ -170,14 +171,19 @@ def test_settle__fixed_controller__nothing_is_played() -> None:
         assert rig.rows_played == 0
 
 
+class Mute(ComputedRig):
+    """A rig that does not tell its weights."""
+
+    feeds_forward = True
+
+
 def test_settle__rig_that_does_not_tell__says_no_weights_or_no_time() -> None:
     made = adaptive()
-    inner = SimulatedRig(made.display, 3)
-    with WrappedRig(inner) as rig:  # it does not tell its weights
+    with Mute(made.display, Simulation(made.display, 3)) as rig:
         rig.load(made)
         (mute,) = settle_weights(rig, made, 30.0, np.random.default_rng(1))
     assert (mute.weight, mute.settled_s) == (None, None)
-    assert inner.rows_played == 3 * RATE_HZ
+    assert rig.rows_played == 3 * RATE_HZ
     with SimulatedRig(made.display, 3) as rig:
         rig.waits = False  # its time goes on between blocks, and its weights are told while it plays
         rig.load(made)

@@ -30,7 +30,7 @@ from tactuator.rig.board.link import (
     understood,
 )
 from tactuator.rig.board.stream import LONGEST_S, BoardStream, BoardTone, Rows, read_run, stimulus_payloads, take_rows
-from tactuator.rig.rig import Finger, Rig, Trace, join_traces
+from tactuator.rig.rig import Finger, Rig, Trace, column_of, join_traces
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
@@ -170,7 +170,7 @@ class BoardRig(Rig):
             raise BadInput(f"sensor fault {what!r}", f"{', '.join(SENSOR_FAULTS)}")
         if math.isnan(value) and what in SENSOR_FAULTS[SENSOR_FAULTS.index("offset") :]:
             raise BadInput(f"sensor fault {what!r} without a value", "a number")
-        content = struct.pack("<BBf", self._index(channel), SENSOR_FAULTS.index(what), value)
+        content = struct.pack("<BBf", column_of(channel, self.channels), SENSOR_FAULTS.index(what), value)
         self.client.must(Request.BREAK, content)
 
     # -- what a board is besides --------------------------------------------------------------------------------------
@@ -273,13 +273,13 @@ class BoardRig(Rig):
             stream = self._streaming(lead_s)
             try:
                 for part in stream.play(fed(), self.fed_to, round(0.25 * lead_s * self.rate_hz)):
-                    self._began_at, self._rows_played = stream.first, stream.rows_played
+                    self.began_at, self.rows_played = stream.first, stream.rows_played
                     if part is None:
                         yield join_traces([], self.rate_hz, self.channels)
                     else:
                         yield self._trace(part, take_rows(asked, len(part.flags)), drives)
             finally:
-                self.fed_to, self._began_at, self._rows_played = stream.end, stream.first, stream.rows_played
+                self.fed_to, self.began_at, self.rows_played = stream.end, stream.first, stream.rows_played
         except LinkDown:
             raise
         except (Exception, KeyboardInterrupt):  # of the blocks' own making, too

@@ -107,16 +107,6 @@ class SoundRig(Rig):
         self.allow_gaps = False
         self.gaps = 0
 
-    @property
-    def began_at(self) -> int | None:
-        """Return the frame of the card's clock at which the last block or stream began; None before the first."""
-        return self._rows.begun if self._length else None
-
-    @property
-    def rows_played(self) -> int:
-        """Return the number of rows of the last block or stream that the card has taken."""
-        return min(self._rows.played, self._length)
-
     def feed_far_ahead(self) -> None:
         """Feed PATIENT_S ahead from now on, as unattended measurements do: computing between two blocks may
         then take as long. Nothing is changed where the rings are shorter.
@@ -207,7 +197,7 @@ class SoundRig(Rig):
 
     def _begin(self, pieces: Iterator[_Piece]) -> Iterator[Trace]:
         self.rest()
-        self._length = 0
+        self._length = self.rows_played = 0
         self._active = self._traces(pieces)
         return self._active
 
@@ -247,10 +237,16 @@ class SoundRig(Rig):
                 before = min(late - skipped, len(part))
                 skipped += before
                 trace = self._answered(asked, part[before:])
+                self._keep_time()
                 if len(trace):
                     yield trace
         finally:
             self.gaps += self._rows.gaps
+            self._keep_time()
+
+    def _keep_time(self) -> None:
+        if self._length:
+            self.began_at, self.rows_played = self._rows.begun, min(self._rows.played, self._length)
 
     def _answered(self, asked: list[Trace], taken: Rows) -> Trace:
         """Take the oldest rows off `asked`, as many as were taken in, (n, inputs), and return them with those."""
