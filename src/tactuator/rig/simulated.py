@@ -138,7 +138,8 @@ class PacedRig(Rig):
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         super().__init__(rig.display)
-        self._rig, self.speed = rig, speed
+        self._rig = rig
+        self.speed: float = speed
         self._fingers, self.without_sensor = rig._fingers, rig.without_sensor
         self._coming: Iterator[FloatArray] = iter(())  # what a computed stream that goes on has not played yet
 
