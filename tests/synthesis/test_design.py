@@ -17,7 +17,7 @@ from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design as module
 from tactuator.synthesis import paper
-from tactuator.synthesis.design import design_controller, headroom
+from tactuator.synthesis.design import design_controller, first_alike, headroom
 from tactuator.synthesis.exchange import from_control, to_control
 from tactuator.synthesis.felt import dahl_harmonic
 from tactuator.synthesis.sections import anti_windup, feedback_sections
@@ -134,6 +134,18 @@ def test_design__three_fingers__report_as_the_command_prints_it() -> None:
     rooms = report["headroom_db_sl"]
     assert len(rooms["frequency_hz"]) == len(rooms["level"]) == len(rooms["binding"])
     assert set(rooms["binding"]) <= {"travel", "command", "comfort"}
+
+
+def test_design__channels_alike__each_as_good_as_designed_alone() -> None:
+    """The search starts from the first channel's loop where plants are near each other."""
+    shown = three_fingers()
+    first, *others = shown.channels
+    assert [first_alike(shown, other) for other in shown.channels] == [None, first, first]
+    for other in others:
+        near = three_finger_controller().channel(other.name).report
+        alone = design_controller(replace(shown, channels=(other,)), 8).channels[0].report
+        assert near["rejection_db"]["mean"] < alone["rejection_db"]["mean"] + 0.05
+        assert near["prefilter"]["max_error_db"] < 1.1 * alone["prefilter"]["max_error_db"]
 
 
 def test_design__poles_and_error_both__refused() -> None:

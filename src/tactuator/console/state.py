@@ -172,7 +172,10 @@ class ConsoleState:
         """
         display = self.display(key)
         if (key, channel) not in self._designed:
-            self._designed.keep((key, channel), design.design_channel(display, display.channel(channel)))
+            first = design.first_alike(display, display.channel(channel))
+            former = None if first is None else self.file_design(key, first.name)
+            made = design.design_channel(display, display.channel(channel), former=former)
+            self._designed.keep((key, channel), made)
         return self._designed[key, channel]
 
     def file_controller(self, key: str) -> Controller:

@@ -9,6 +9,7 @@ non-minimum-phase; a notch that is not needed ends as a pair that cancels, or ne
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import exp, expm1, sin, sinh, sqrt
 
@@ -67,6 +68,28 @@ class LoopStructure:
             (zeros if sign > 0 else poles).extend(roots)
             gain *= at_rest**-sign
         return SampledSystem(np.array(zeros), np.array(poles), gain, self.rate_hz)
+
+    def vectors(self, controller: SampledSystem) -> Iterator[FloatArray]:
+        """Yield the parameter vectors of a controller of this structure: each real pole may be the single one. Real
+        roots make pairs with their neighbours."""
+        others = np.delete(controller.poles, np.argmin(np.abs(controller.poles - 1.0)))
+        at_rest = controller.gain * np.prod(1.0 - controller.zeros) / np.prod(1.0 - others)
+        for index in np.flatnonzero(others.imag == 0.0):
+            parameters = np.empty(COUNT)
+            parameters[0], parameters[_POLE] = np.log(at_rest.real), np.log(-np.log(others[index].real))
+            parameters[[1, 2, 4, 5, 8, 9]] = np.log(_pairs_of(controller.zeros)).ravel()
+            parameters[[6, 7, 10, 11]] = np.log(_pairs_of(np.delete(others, index))).ravel()
+            yield parameters
+
+
+def _pairs_of(roots: ComplexArray) -> list[tuple[float, float]]:
+    """Return (natural frequency in rad/sample, damping) of roots in z, two by two, the slowest first."""
+    s = np.log(roots)
+    real, upper = np.sort(s[s.imag == 0.0].real)[::-1], s[s.imag > 0.0]
+    products = np.append(real[::2] * real[1::2], np.abs(upper) ** 2)
+    sums = np.append(real[::2] + real[1::2], 2.0 * upper.real)
+    natural = np.sqrt(products)
+    return sorted(zip(natural.tolist(), (-0.5 * sums / natural).tolist(), strict=True))
 
 
 def _coefficients(log_frequency: float, log_damping: float) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, takewhile
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,10 @@ from tactuator.synthesis.touch import design_feed_forward, fed_response, require
 _SERVES, _GOOD = 0.75, 1.95
 _NEAR_DB = 1.5
 _FITS_MAX = 12
+_ALIKE = 0.3
+"""Difference of roots, as a share of their size, up to which the loop of one plant leads to that of the other."""
+_AS_GOOD = 1.1
+"""Prefilter error, over that of the channel that a search started from, up to which no better loop is looked for."""
 _TOWARDS_TOUCHED = 0.75
 """Share of what is not fed forward that the prefilter gives beforehand. At 20 dB SL the touched display varies more."""
 _RAISED_MAX_DB = 0.4
@@ -53,36 +57,61 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
     Raises BadInput for a plant that cannot be controlled or requirements that contradict each other, NoDesign where
     the search finds no loop: the message says which requirements bind, and what would be possible.
     """
-    designed: list[ChannelController] = []
+    designed: dict[str, ChannelController] = {}
     for channel in display.channels:
-        others = [replace(channel, name=other.name, finger=other.finger) == other for other in display.channels]
-        twin = others.index(True)  # the first channel that differs in name and finger at most, or this one
-        if twin < len(designed):
-            designed.append(replace(designed[twin], name=channel.name))
-        else:
-            try:
-                designed.append(design_channel(display, channel, poles, error_db))
-            except (BadInput, NoDesign) as error:
-                # what can hardly be comes first: it is the likely reason for which nothing can be designed
-                error.got = "; ".join([*channel_reasons(channel, display.rate_hz), error.got])
-                raise
-    return Controller(display, tuple(designed), __version__)
+        first = first_alike(display, channel)
+        former = None if first is None else designed[first.name]
+        try:
+            designed[channel.name] = design_channel(display, channel, poles, error_db, former)
+        except (BadInput, NoDesign) as error:
+            # what can hardly be comes first: it is the likely reason for which nothing can be designed
+            error.got = "; ".join([*channel_reasons(channel, display.rate_hz), error.got])
+            raise
+    return Controller(display, tuple(designed.values()), __version__)
+
+
+def first_alike(display: Display, channel: Channel) -> Channel | None:
+    """Return the first channel before `channel` whose loop is near that channel's: synthesised to the same requirements
+    for as many loads and models, with roots of the plant that differ by less than _ALIKE.
+    """
+    for other in takewhile(lambda other: other.name != channel.name, display.channels):
+        same = channel.feedback == other.feedback and channel.feedback.structure == "integrator-lead-lag"
+        counts = [(len(each.loads), len(each.family)) for each in (channel, other)]
+        pairs = [
+            (np.sort_complex(mine), np.sort_complex(theirs))
+            for mine, theirs in zip(
+                (channel.plant.zeros, channel.plant.poles), (other.plant.zeros, other.plant.poles), strict=True
+            )
+        ]
+        if same and counts[0] == counts[1] and all(_are_near(*pair) for pair in pairs):
+            return other
+    return None
+
+
+def _are_near(roots: ComplexArray, others: ComplexArray) -> bool:
+    return roots.shape == others.shape and bool(np.all(np.abs(roots - others) <= _ALIKE * np.abs(others)))
 
 
 def design_channel(
-    display: Display, channel: Channel, poles: int | None = None, error_db: float | None = None
+    display: Display,
+    channel: Channel,
+    poles: int | None = None,
+    error_db: float | None = None,
+    former: ChannelController | None = None,
 ) -> ChannelController:
-    """Design the controller of one channel of `display`.
+    """Design the controller of one channel of `display`; former: that of the `first_alike`, if any.
 
     Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
     good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
     best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
     """
     with single_threaded():  # sums that BLAS splits over threads round differently
-        return _designed(display, channel, poles, error_db)
+        return _designed(display, channel, poles, error_db, former)
 
 
-def _designed(display: Display, channel: Channel, poles: int | None, error_db: float | None) -> ChannelController:
+def _designed(
+    display: Display, channel: Channel, poles: int | None, error_db: float | None, former: ChannelController | None
+) -> ChannelController:
     require_suitable(channel, display.rate_hz)
     if display.touch.adaptive:
         require_adaptive(display, channel, is_looped=channel.feedback.structure != "none")
@@ -92,6 +121,12 @@ def _designed(display: Display, channel: Channel, poles: int | None, error_db: f
     count = poles if poles is not None else None if error_db is not None else channel.prefilter.poles
     serves = _SERVES * display.objectives.flatness_db if error_db is None else error_db
     good = serves if count is None else _GOOD / count * display.objectives.flatness_db
+    near = None
+    if former is not None:
+        # the same loop around this plant: its gain counts at the crossover, beyond the poles
+        near, gain = former.feedback(display.rate_hz), display.channel(former.name).plant.gain / channel.plant.gain
+        near = None if near is None else replace(near, gain=near.gain * gain)
+        good = max(good, _AS_GOOD * former.report["prefilter"]["max_error_db"])
     designs: list[tuple[PrefilterFit, SampledSystem | None]] = []
     least = -np.inf
     failed: BadInput | None = None
@@ -100,7 +135,7 @@ def _designed(display: Display, channel: Channel, poles: int | None, error_db: f
         return any(fit.max_error_db <= serves for fit, _ in designs)
 
     peak = display.objectives.resonance_peak
-    candidates = feedback_candidates(channel, display.rate_hz, family, peak)
+    candidates = feedback_candidates(channel, display.rate_hz, family, peak, near)
     for mean_db, feedback in islice(candidates, _FITS_MAX):
         least = mean_db if not designs else least
         if mean_db > least + _NEAR_DB and is_served():
@@ -125,6 +160,7 @@ def feedback_candidates(
     rate_hz: float,
     family: tuple[Member, ...],
     resonance_peak: float,
+    near: SampledSystem | None = None,
 ) -> Iterator[tuple[float, SampledSystem | None]]:
     """Yield each C that the channel's structure asks for: synthesised (the best first, with the mean |S| in dB), given
     (bilinear), or none.
@@ -137,7 +173,7 @@ def feedback_candidates(
     else:
         require_consistent(channel, rate_hz)
         task = Task.of(family, requirements, rate_hz, resonance_peak)
-        candidates = synthesise(task)
+        candidates = synthesise(task, near)
         best = next(candidates, None)
         if best is None:
             beyond = f"{channel.unknown_words}; " if channel.unknown_words else ""

@@ -34,6 +34,7 @@ from tactuator.synthesis.problem import (
     is_sound,
     problem_of,
     solve,
+    start_near,
     starts,
     starts_below_modes,
 )
@@ -51,12 +52,20 @@ Candidate = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
 
 
-def synthesise(task: Task) -> Iterator[Candidate]:
+def synthesise(task: Task, near: SampledSystem | None = None) -> Iterator[Candidate]:
     """Yield controllers for a family of plants, the best first: integrator, lead-lag, notch; at most three sections.
+
+    near: the controller of a plant like this one, of the same structure: the local optimum next to it comes first.
 
     Each keeps every requirement in a full assessment. They are local optima, all different; where the starts lead to
     none, steps from one local optimum to the next are tried. Nothing is yielded where nothing is found.
     """
+    if near is not None:
+        problem = problem_of(task, _RESONANCE_SHARES[0])
+        solution = solve(problem, start_near(problem, near))
+        settled = None if solution is None else _settle(problem, carried_on(problem, solution))
+        if settled is not None:
+            yield settled
     optima = _improved(task)
     best = next(optima, None)
     if best is not None:

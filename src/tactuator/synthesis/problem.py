@@ -385,6 +385,13 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
     return beginnings
 
 
+def start_near(problem: LoopProblem, controller: SampledSystem) -> FloatArray:
+    """Return a controller of the structure as a start: of its parameter vectors the one furthest within the bounds."""
+    low, high = bounds(problem.task)
+    vectors = problem.structure.vectors(controller)
+    return min(vectors, key=lambda vector: float(np.abs(vector - np.clip(vector, low, high)).max()))
+
+
 def starts_below_modes(problem: LoopProblem) -> list[FloatArray]:
     """Return starts whose crossover lies below a mode of the plant: they invert its two slowest poles and that mode,
     and roll off above it. There are none without a mode. What inverts a slow mode up to a fast crossover (`starts`)
