@@ -15,15 +15,19 @@ from tactuator.errors import BadInput, TactuatorError
 from tactuator.io.controller import read_controller
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
+from tactuator.rig.transport import BAUD
 from tactuator.synthesis.design import design_controller
 
 
 def _program(asked: argparse.Namespace) -> int:
     board = find_board(asked.board)
-    program = build(replace(board, flags=(*board.flags, f"-DTACT_CRYSTAL_MHZ={asked.crystal_mhz}")))
+    flags = (*board.flags, f"-DTACT_CRYSTAL_MHZ={asked.crystal_mhz}")
+    program = build(replace(board, baud=asked.baud, flags=flags))
     write_program(program, asked.out)
     flash, ram = memory_used(program)
     print(f"{asked.out}: {board.describes}, {flash} bytes of flash, {ram} bytes of RAM")
+    port = "board:PORT" if asked.baud == BAUD else f"board:PORT@{asked.baud}"
+    print(f"{asked.baud} baud: reach it as {port}")
     return 0
 
 
@@ -32,7 +36,7 @@ def _verify(asked: argparse.Namespace) -> int:
         raise BadInput(f"rig {asked.rig!r} is no connected board", "board:PORT or board:URL")
     controller = design_controller(paper_display()) if asked.controller is None else read_controller(asked.controller)
     with cast("BoardRig", open_rig(asked.rig, controller.display)) as rig:
-        found = verify(rig, controller, asked.seconds)
+        found = verify(rig, controller, asked.seconds, bare=asked.bare)
     word = "bit for bit this machine's"
     if found.first_difference is not None:
         word = f"NOT this machine's from tick {found.first_difference} on"
@@ -52,11 +56,13 @@ def main(words: list[str] | None = None) -> int:
     program.add_argument("--board", default="stm32f405", help="name of its folder here (%(default)s)")
     program.add_argument("--out", type=Path, default=Path("firmware.bin"), help="a .elf, .bin or .hex (%(default)s)")
     program.add_argument("--crystal-mhz", type=int, choices=range(4, 27), default=12, metavar="MHZ", help="(12)")
+    program.add_argument("--baud", type=int, default=BAUD, help="of the link (%(default)s)")
     program.set_defaults(act=_program)
     check = verbs.add_parser("verify", help="compare a connected board's commands with this machine's; it plays")
     check.add_argument("--rig", required=True, help="board:PORT or board:URL")
     check.add_argument("--controller", type=Path, help="a controller.json (one is designed for the paper's display)")
     check.add_argument("--seconds", type=float, default=10.0, help="(%(default)s)")
+    check.add_argument("--bare", action="store_true", help="without converters: it computes, its outputs stay off")
     check.set_defaults(act=_verify)
     asked = parser.parse_args(words)
     try:

@@ -15,6 +15,7 @@ from pathlib import Path
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.text import parse_toml, read_text
+from tactuator.rig.transport import BAUD
 
 FIRMWARE = Path(__file__).resolve().parent
 ROOT = FIRMWARE.parent
@@ -34,7 +35,7 @@ _HOST_ALONE = ("core/display", "core/host")
 class Board:
     """A board: what the compiler and the linker are told.
 
-    rows: of the rings for stream and trace, a power of two. folders: with the sources and the linker script of its
+    rows: of the rings for stream and trace, a power of two. baud: rate of the link; the host's default. folders: with the sources and the linker script of its
     program, besides core/ and what is in firmware/ for every board. flags: more for the compiler.
     """
 
@@ -46,6 +47,7 @@ class Board:
     clock_hz: float
     folders: tuple[Path, ...]
     flags: tuple[str, ...] = ()
+    baud: int = BAUD
 
 
 def read_boards(firmware: Path = FIRMWARE) -> dict[str, Board]:
@@ -87,6 +89,7 @@ def compile_command(board: Board, files: list[Path], program: str) -> list[str]:
     return [
         COMPILER, *FLAGS, f"-mcpu={board.processor}", f"-mfpu={board.floating_point}",
         f'-DTACT_BOARD_NAME="{board.name}"', f"-DTACT_STREAM_ROWS={board.rows}", f"-DTACT_TRACE_ROWS={board.rows}",
+        f"-DTACT_BAUD={board.baud}",
         "-Icore", "-Ifirmware", *board.flags, *names, *scripts, "-lgcc", "-o", program,
     ]  # fmt: skip
 

@@ -14,7 +14,8 @@
 #include "board/board.h"
 #include "link/link.h"
 
-/* Clocks, outputs safe, converters, link; called once, before anything else. */
+/* Outputs safe, clocks, link, converters; called once, before anything else. Gives the link `missing`, where something of
+ * the board may be. */
 void tact_port_begin(tact_board *board, tact_link *link);
 
 /* The timer's interrupt at this rate from now on; it calls `tick`. */
@@ -45,7 +46,7 @@ void tact_port_leave(uint32_t before);
 /* Amplifier off and D/A at zero, at once: from any interrupt or fault, whatever memory holds; needs no clock, no bus. */
 void tact_port_outputs_safe(void);
 
-/* The amplifier follows the D/A, which is at zero. The watchdog begins with the first call. */
+/* The amplifier follows the D/A, which is at zero. The watchdog runs before. */
 void tact_port_outputs_on(void);
 
 /* The watchdog waits anew. Unfed for 20 ms at most it resets the processor; outputs are safe out of reset. */

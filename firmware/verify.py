@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.rig.board.commissioning import safety_table
-from tactuator.rig.board.link import STREAM, Request
+from tactuator.rig.board.link import SAFETY, STREAM, Request
 from tactuator.rig.board.rig import BoardRig
 from tactuator.runtime._core import ffi, lib
 from tactuator.runtime.image import build_image
@@ -51,16 +51,25 @@ class Verified:
         return self.first_difference is None and self.late == 0
 
 
-def verify(rig: BoardRig, controller: Controller, seconds: float = 10.0, seed: int = 0) -> Verified:
+def verify(
+    rig: BoardRig, controller: Controller, seconds: float = 10.0, seed: int = 0, bare: bool = False
+) -> Verified:
     """Let a board play noise of 26 dB SL rms in closed loop, and compare each of its commands, bit for bit, with what
     this machine's core makes of the same rows and of the board's own readings.
 
-    Raises BadInput for less than a second and where the board holds another display's table, RigFault where its guard
-    ends the run.
+    bare: on a board that lacks a converter; its guard watches nothing, and its outputs stay safe.
+
+    Raises BadInput for less than a second, where the board holds another display's table, and for a bare run on a board
+    that lacks nothing; RigFault where its guard ends the run, RigIncomplete where something is missing.
     """
     if not seconds >= 1.0:
         raise BadInput(f"{seconds:g} s", "a second or more")
     table, image = safety_table(controller.display), build_image(controller)
+    if bare:
+        if not rig.status().missing:
+            raise BadInput("the board lacks nothing", "a run that is not bare")
+        table = _unguarded(table)
+        rig.client.upload(SAFETY, safety_bytes(table))
     rig.load(controller)
     before = rig.status()
     if before.safety_crc != int.from_bytes(safety_bytes(table)[-4:], "little"):
@@ -68,7 +77,7 @@ def verify(rig: BoardRig, controller: Controller, seconds: float = 10.0, seed: i
     rows = _rows(round(seconds * rig.rate_hz), len(rig.channels), round(_SILENT_S * rig.rate_hz), seed)
     first = 0 if rig.waits else round(_FIRST_S * rig.rate_hz)
     try:
-        traced = _played(rig, rows, first)
+        traced = _played(rig, rows, first, bare)
         after = rig.status()
     finally:
         rig.off()
@@ -85,13 +94,13 @@ def _rows(count: int, channels: int, silent: int, seed: int) -> NDArray[np.float
     return rows.astype(np.float32)
 
 
-def _played(rig: BoardRig, rows: NDArray[np.float32], first: int) -> Codes:
+def _played(rig: BoardRig, rows: NDArray[np.float32], first: int, bare: bool) -> Codes:
     """Play rows from tick `first` of a new run on, and return its trace from its beginning: of each channel the command
     with its flags, and the reading; shape (ticks, 2 channels).
     """
     client, width, status = rig.client, rows.shape[1], rig.status()
     run, lead = (status.run + 1) & 0xFFFFFFFF, min(round(_SILENT_S * rig.rate_hz), status.stream_capacity * 7 // 8)
-    client.must(Request.ARM)
+    client.must(Request.ARM, bytes([bare]))
     client.start(run, STREAM, False, rig.waits)
     parts: list[Codes] = []
     end, tick, got = first, 0, 0
@@ -121,7 +130,7 @@ def replayed(table: SafetyTable, image: bytes, rows: NDArray[np.float32], first:
     board, parsed, loaded = ffi.new("tact_board *"), ffi.new("tact_safety *"), ffi.new("tact_image *")
     stream, trace = ffi.new("float[]", capacity * width), ffi.new("int32_t[]", 2 * capacity * width)
     lib.tact_board_reset(board, width, stream, capacity, trace, capacity)
-    content = safety_bytes(replace(table, channels=tuple(map(_unguarded, table.channels))))
+    content = safety_bytes(_unguarded(table))
     lib.tact_safety_parse(parsed, content, len(content), width)
     lib.tact_image_parse(loaded, image, len(image), table.rate_hz, table.delay_samples, width)
     assert lib.tact_board_take_safety(board, parsed)
@@ -137,7 +146,11 @@ def replayed(table: SafetyTable, image: bytes, rows: NDArray[np.float32], first:
     return np.frombuffer(ffi.buffer(trace), dtype=np.uint32).reshape(-1, 2 * width)[:ticks, ::2].astype(np.int64)
 
 
-def _unguarded(channel: ChannelSafety) -> ChannelSafety:
+def _unguarded(table: SafetyTable) -> SafetyTable:
+    return replace(table, channels=tuple(map(_unguarded_channel, table.channels)))
+
+
+def _unguarded_channel(channel: ChannelSafety) -> ChannelSafety:
     return replace(
         channel, position_code_max=1 << 24, frozen_ticks=NEVER_TICKS, stop_max_v=NEVER, comfort_max=_GUARD_MAX,
         disagreement_v=NEVER, reversal_power=NEVER, standstill=Standstill(0, NEVER), jump=Jump(NEVER, 0.0),

@@ -54,6 +54,7 @@ typedef struct {
 typedef struct {
     int32_t mode, fault, fault_channel, ending;
     int32_t source, drives, holds, allows_hold;
+    int32_t bare;         /* armed to compute alone: the outputs stay safe */
     uint32_t run;         /* number of the run, given by who starts it */
     uint32_t tick;        /* of the run */
     uint32_t ticks;       /* since the board began */

@@ -20,10 +20,10 @@ static int is_wanted(tact_supervisor *supervisor, const tact_board *board)
 {
     if (board->mode != TACT_FAULT || board->command_fade > 0.0f) {
         supervisor->rest_ticks = 0;
-        return board->mode != TACT_OFF;
+        return board->mode != TACT_OFF && !board->bare;
     }
     supervisor->rest_ticks++;
-    return (float)supervisor->rest_ticks <= TACT_SUPERVISOR_BRAKE_S * board->safety.rate_hz;
+    return !board->bare && (float)supervisor->rest_ticks <= TACT_SUPERVISOR_BRAKE_S * board->safety.rate_hz;
 }
 
 /* In any mode, whatever was lost. */
@@ -46,7 +46,7 @@ static __attribute__((noinline)) int32_t judge(tact_supervisor *supervisor, cons
 int32_t tact_supervisor_tick(tact_supervisor *supervisor, const tact_board *board, int converters_are_sound)
 {
     const uint32_t deaf = supervisor->deaf_ticks;
-    if (board->mode != TACT_RUNNING || !converters_are_sound || deaf >= supervisor->deaf_most ||
+    if (board->mode != TACT_RUNNING || board->bare || !converters_are_sound || deaf >= supervisor->deaf_most ||
         supervisor->lost != TACT_LOST_NOTHING)
         return judge(supervisor, board, converters_are_sound);
     supervisor->rest_ticks = 0;

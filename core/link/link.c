@@ -31,6 +31,11 @@ void tact_link_reset(tact_link *link, tact_board *board, const char *name)
     link->cobs.done = 1;
 }
 
+int32_t tact_link_missing(const tact_link *link)
+{
+    return link->missing ? link->missing() : 0;
+}
+
 /* -- what the board is given --------------------------------------------------------------------------------------- */
 
 static int32_t take_upload(tact_link *link, tact_reader *in)
@@ -214,6 +219,21 @@ static int32_t acknowledge(tact_board *board, tact_reader *in)
     return TACT_DONE;
 }
 
+static int32_t arm(const tact_link *link, tact_reader *in)
+{
+    tact_board *board = link->board;
+    const int bare = in->at != in->size && tact_read_u8(in) == 1;
+    if (in->overrun || in->at != in->size)
+        return TACT_BAD_PAYLOAD;
+    if (board->mode == TACT_OFF)
+        board->bare = bare;
+    if (!board->bare && tact_link_missing(link))
+        return TACT_INCOMPLETE;
+    if (tact_board_arm(board))
+        return TACT_DONE;
+    return board->mode == TACT_OFF && tact_board_is_locked(board) ? TACT_LOCKED : TACT_NOT_IN_THIS_MODE;
+}
+
 static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer *out)
 {
     tact_board *board = link->board;
@@ -223,15 +243,15 @@ static int32_t move(tact_link *link, uint8_t type, tact_reader *in, tact_writer 
         outcome = start(link, in);
     else if (type == TACT_ASK_ACKNOWLEDGE)
         outcome = acknowledge(board, in);
+    else if (type == TACT_ASK_ARM)
+        outcome = arm(link, in);
     else if (in->size != in->at)
         outcome = TACT_BAD_PAYLOAD;
     else {
-        const int done = type == TACT_ASK_ARM    ? tact_board_arm(board)
-                         : type == TACT_ASK_STOP ? tact_board_stop(board)
-                         : type == TACT_ASK_OFF  ? tact_board_off(board)
-                                                 : tact_board_clear(board);
-        const int locked = (type == TACT_ASK_ARM && board->mode == TACT_OFF && tact_board_is_locked(board)) ||
-                           (type == TACT_ASK_CLEAR && tact_board_locked_ticks(board) != 0);
+        const int done = type == TACT_ASK_STOP  ? tact_board_stop(board)
+                         : type == TACT_ASK_OFF ? tact_board_off(board)
+                                                : tact_board_clear(board);
+        const int locked = type == TACT_ASK_CLEAR && tact_board_locked_ticks(board) != 0;
         outcome = done ? TACT_DONE : locked ? TACT_LOCKED : TACT_NOT_IN_THIS_MODE;
     }
     let_in(link, before);

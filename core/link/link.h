@@ -10,7 +10,8 @@
  *     STATUS             -                                                    tact_link_status()
  *     UPLOAD             kind u8, offset u32, bytes                           -
  *     COMMIT             kind u8, size u32, CRC-32 u32                        refusal u8 (tact_image_refusal, ...)
- *     ARM STOP OFF CLEAR -                                                    mode u8
+ *     ARM                bare u8, or nothing                                  mode u8
+ *     STOP OFF CLEAR     -                                                    mode u8
  *     ACKNOWLEDGE        sensor faults u32                                    mode u8
  *     START              run u32, source u8, drives u8, holds u8              mode u8
  *     STREAM             run u32, first u32, count u16, forces u8, rows f32   end u32, tick u32
@@ -20,6 +21,7 @@
  *     TOUCH              channel u8, load u8                                  -
  *     BREAK              channel u8, sensor u8, value f32                     -
  *
+ * A board that lacks something refuses ARM, unless the run is to be bare: its outputs stay safe throughout.
  * TOUCH and BREAK are for boards whose display is simulated, which registers itself in `display`. Memory is bounded at
  * both ends: a frame is at most TACT_FRAME_MAX bytes, the stream and the trace are the board's rings.
  *
@@ -64,10 +66,13 @@ typedef enum {
     TACT_REFUSED,
     TACT_OTHER_RUN,
     TACT_NOT_HERE,
-    TACT_LOCKED /* after sensor or travel faults: board.h */
+    TACT_LOCKED, /* after sensor or travel faults: board.h */
+    TACT_INCOMPLETE /* something of the board is missing */
 } tact_outcome;
 
 enum { TACT_UPLOAD_IMAGE = 1, TACT_UPLOAD_SAFETY, TACT_UPLOAD_DISPLAY };
+/* What a board may lack, as STATUS reports it. */
+enum { TACT_MISSING_CRYSTAL = 1, TACT_MISSING_AD = 2, TACT_MISSING_DA = 4, TACT_MISSING_SUPPLY = 8, TACT_MISSING_WATCHDOG = 16 };
 enum { TACT_UPLOAD_SIZE = 8192, TACT_BOARD_NAME_SIZE = 16 };
 
 typedef struct tact_link tact_link;
@@ -88,6 +93,7 @@ struct tact_link {
     /* Keeps the timer's interrupt out, and restores what was before; NULL where there is none. */
     uint32_t (*enter)(void);
     void (*leave)(uint32_t before);
+    int32_t (*missing)(void); /* TACT_MISSING_... now; NULL where nothing can be */
     uint8_t name[TACT_BOARD_NAME_SIZE];
     tact_cobs cobs;
     uint32_t heard, dropped; /* whole frames; spoilt ones */
@@ -100,6 +106,9 @@ struct tact_link {
     uint8_t wire[TACT_WIRE_MAX]; /* the answer, to be sent */
     size_t wire_size;            /* 0: none */
 };
+
+/* What the board lacks now. */
+int32_t tact_link_missing(const tact_link *link);
 
 /* Without a frame yet. name: at most 15 characters. */
 void tact_link_reset(tact_link *link, tact_board *board, const char *name);

@@ -30,6 +30,7 @@ int32_t tact_report_status(const tact_link *link, tact_writer *out)
     tact_write_u32(out, board->acknowledged);
     tact_write_u32(out, tact_board_locked_ticks(board));
     tact_write_u32(out, board->cycles);
+    tact_write_u32(out, (uint32_t)tact_link_missing(link));
     return TACT_DONE;
 }
 

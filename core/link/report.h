@@ -3,7 +3,8 @@
  *     STATUS: name (16) | channels, mode, fault, fault's channel (255: none), at rest, allows hold, delay | rate_hz f32 |
  *     checksums of safety table, image, simulated display | capacities of stream and trace | run, tick of the run, ticks
  *     in all, late interrupts, end of the stream, frames heard, frames dropped, tick of the fault, sensor and travel
- *     faults, those acknowledged, ticks until a fault may be cleared, most cycles of a step of this run
+ *     faults, those acknowledged, ticks until a fault may be cleared, most cycles of a step of this run,
+ *     what is missing (TACT_MISSING_...)
  *
  *     TRACE: first tick, count u16, rows: channels command codes | flags << 24, channels position codes, and, if asked,
  *     channels displacements (mm, f32) of a simulated display

@@ -4,9 +4,10 @@
 
 #include <stddef.h>
 
+#include "cortex_m/processor.h"
 #include "port.h"
 
-extern uint32_t tact_data_from, tact_data_begin, tact_data_end, tact_bss_begin, tact_bss_end;
+extern uint32_t tact_vectors, tact_data_from, tact_data_begin, tact_data_end, tact_bss_begin, tact_bss_end;
 
 int main(void);
 void *memcpy(void *to, const void *from, size_t size);
@@ -45,15 +46,23 @@ __attribute__((naked, used)) void tact_halt(void)
                    " mov sp, r0\n b tact_halt_here");
 }
 
-__attribute__((used)) void tact_reset(void)
+__attribute__((used, noreturn)) static void begin_here(void)
 {
-    volatile uint32_t *const access = (volatile uint32_t *)0xE000ED88u; /* CPACR: the floating-point unit */
-    *access |= 0xFu << 20;
+    tact_processor_begin((uint32_t)(uintptr_t)&tact_vectors);
     __asm volatile("dsb\n isb" ::: "memory");
     for (uint32_t *from = &tact_data_from, *to = &tact_data_begin; to < &tact_data_end;)
         *to++ = *from++;
     for (uint32_t *at = &tact_bss_begin; at < &tact_bss_end;)
         *at++ = 0;
+    __asm volatile("msr basepri, %0\n cpsie i\n cpsie f" ::"r"(0) : "memory");
     (void)main();
     tact_halt_here();
+    __builtin_unreachable();
+}
+
+/* A bootloader may have left a stack of its own, interrupts masked, or the process stack in use. */
+__attribute__((naked, used)) void tact_reset(void)
+{
+    __asm volatile("cpsid i\n movs r0, #0\n msr control, r0\n isb\n"
+                   " movw r0, #:lower16:tact_stack_top\n movt r0, #:upper16:tact_stack_top\n mov sp, r0\n b begin_here");
 }

@@ -12,7 +12,7 @@ typedef void (*tact_vector)(void);
 
 extern uint32_t tact_stack_top; /* of the linker script */
 
-/* Memory as C wants it, the floating-point unit, main(). */
+/* Stack, vectors and interrupts as out of reset, whatever a bootloader left; memory as C wants it, main(). */
 void tact_reset(void);
 
 /* Outputs safe, on a stack of its own making; then it waits for the watchdog. For every fault and every interrupt that

@@ -35,12 +35,23 @@ static void set_up_spi_pin(uint32_t at)
     set_up((tact_pin)(0x10u | at), ALTERNATE);
 }
 
+/* A bootloader has used peripherals, some of them on these pins. */
+static void reset_peripherals(void)
+{
+    static const uint16_t RESETS[] = {0x10, 0x14, 0x18, 0x20, 0x24}; /* AHB1, AHB2, AHB3, APB1, APB2 */
+    for (uint32_t i = 0; i < sizeof RESETS / sizeof *RESETS; i++) {
+        tact_set(RCC + RESETS[i], 0xFFFFFFFFu);
+        tact_set(RCC + RESETS[i], 0);
+    }
+}
+
 void tact_bus_begin(void)
 {
     static const tact_pin HIGH[] = {TACT_PIN_AD_CS, TACT_PIN_DA_LDAC, TACT_PIN_DA_SYNC};
     static const tact_pin LOW[] = {TACT_PIN_AMPLIFIER, TACT_PIN_DA_CLR, TACT_PIN_AD_RESET, TACT_PIN_AD_START};
-    tact_set(RCC + RCC_AHB1, tact_get(RCC + RCC_AHB1) | AHB1_PORTS_ABC);
-    tact_set(RCC + RCC_APB1, tact_get(RCC + RCC_APB1) | APB1_SPI2);
+    reset_peripherals();
+    tact_clock_on(RCC_AHB1, AHB1_PORTS_ABC);
+    tact_clock_on(RCC_APB1, APB1_SPI2);
     for (uint32_t i = 0; i < sizeof HIGH / sizeof *HIGH; i++)
         tact_bus_raise(HIGH[i]); /* before they are outputs: no pulse */
     for (uint32_t i = 0; i < sizeof LOW / sizeof *LOW; i++)

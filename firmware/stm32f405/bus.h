@@ -27,7 +27,7 @@ typedef enum {
     TACT_PIN_AD_BUSY = 0x27
 } tact_pin;
 
-/* Pins and SPI; chips not selected, outputs safe. */
+/* All peripherals as out of reset, then pins and SPI: chips not selected, outputs safe. */
 void tact_bus_begin(void);
 
 void tact_bus_raise(tact_pin pin);

@@ -8,11 +8,16 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* 168 MHz from the crystal, and cycles counted: 1; 0 if it does not come up. */
-int tact_chip_clock(void);
+#include "link/link.h"
 
-/* Converters of so many channels ready: 1. */
-int tact_chip_converters(int32_t count);
+enum { TACT_NO_CLOCK = -1 };
+
+/* 168 MHz, whatever was before, and cycles counted: 0 from the crystal, TACT_MISSING_CRYSTAL without it, or TACT_NO_CLOCK. */
+int32_t tact_chip_clock(void);
+
+/* Converters of so many channels tested: 0, or TACT_MISSING_AD | TACT_MISSING_DA. Without one of them neither is used, and a
+ * reading is a sixteenth of the command: a bare run still exercises the arithmetic. */
+int32_t tact_chip_converters(int32_t count);
 
 /* As in port.h. */
 void tact_chip_put_out(const int32_t *codes);

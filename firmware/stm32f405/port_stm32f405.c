@@ -10,23 +10,33 @@
 #include "stm32f405/usart.h"
 #include "stm32f405/watchdog.h"
 
-enum { CLOCK_HZ = 168000000, APB1_HZ = 42000000 };
+enum { CLOCK_HZ = 168000000 };
 
 static volatile int32_t watchdog_runs;
+static int32_t missing;
+
+static int32_t missing_now(void)
+{
+    return missing | (tact_supply_is_low() ? TACT_MISSING_SUPPLY : 0);
+}
 
 void tact_port_begin(tact_board *board, tact_link *link)
 {
-    (void)link;
-    const int clock_is_up = tact_chip_clock();
     tact_bus_begin();
-    tact_supply_watch();
-    if (!clock_is_up || !tact_chip_converters(board->channels_max))
+    missing = tact_chip_clock();
+    if (missing == TACT_NO_CLOCK)
         tact_halt(); /* outputs safe for good; nobody can be told */
-    tact_usart_begin(APB1_HZ);
+    tact_supply_watch();
+    tact_usart_begin();
+    missing |= tact_chip_converters(board->channels_max);
+    link->missing = missing_now;
 }
 
 void tact_port_start_timer(float rate_hz, void (*tick)(void))
 {
+    watchdog_runs = watchdog_runs || tact_watchdog_start();
+    if (!watchdog_runs)
+        missing |= TACT_MISSING_WATCHDOG;
     tact_systick_start((uint32_t)((float)CLOCK_HZ / rate_hz + 0.5f), tick);
 }
 
@@ -72,11 +82,8 @@ void tact_port_outputs_safe(void)
 
 void tact_port_outputs_on(void)
 {
-    if (!watchdog_runs) {
-        watchdog_runs = 1;
-        tact_watchdog_start();
-    }
-    tact_bus_outputs_on();
+    if (watchdog_runs)
+        tact_bus_outputs_on();
 }
 
 void tact_port_feed_watchdog(void)

@@ -2,8 +2,12 @@
 
 #include "stm32f405/registers.h"
 
-enum { BAUD = 2000000, RING = 8192, USART3_CAME = 39, APB1_USART3 = 1 << 18, FUNCTION_USART3 = 7, ALTERNATE = 2 };
+enum { RING = 8192, USART3_CAME = 39, APB1_USART3 = 1 << 18, FUNCTION_USART3 = 7, ALTERNATE = 2 };
 enum { ON = 1 << 13, SENDS = 1 << 3, RECEIVES = 1 << 2, TELLS_OF_BYTES = 1 << 5, CAME = 1 << 5, EMPTY = 1 << 7 };
+
+enum { CLOCK_HZ = 42000000, DIVIDER = (CLOCK_HZ + TACT_BAUD / 2) / TACT_BAUD, RESULT = CLOCK_HZ / DIVIDER };
+_Static_assert(DIVIDER >= 16 && RESULT - TACT_BAUD <= TACT_BAUD / 64 && TACT_BAUD - RESULT <= TACT_BAUD / 64,
+               "a baud rate within 1.5 % of 42 MHz by a whole number from 16 on");
 
 static uint8_t ring[RING];
 static volatile uint32_t written, taken; /* bytes, each counted by one side alone */
@@ -15,14 +19,13 @@ static void set_up_pin(uint32_t at)
     tact_set(mode, (tact_get(mode) & ~(3u << (2u * at))) | (uint32_t)ALTERNATE << (2u * at));
 }
 
-void tact_usart_begin(uint32_t clock_hz)
+void tact_usart_begin(void)
 {
-    tact_set(RCC + RCC_AHB1, tact_get(RCC + RCC_AHB1) | 2u);
-    tact_set(RCC + RCC_APB1, tact_get(RCC + RCC_APB1) | APB1_USART3);
+    tact_clock_on(RCC_APB1, APB1_USART3);
     tact_set(GPIOB + GPIO_PULL, tact_get(GPIOB + GPIO_PULL) | 1u << 22); /* an open line is silent */
     set_up_pin(10);
     set_up_pin(11);
-    tact_set(USART3 + USART_RATE, (clock_hz + BAUD / 2u) / BAUD);
+    tact_set(USART3 + USART_RATE, DIVIDER);
     tact_set(USART3 + USART_CONTROL, ON | SENDS | RECEIVES | TELLS_OF_BYTES);
     tact_set(NVIC_ENABLE + 4u * (USART3_CAME / 32u), 1u << (USART3_CAME % 32u));
 }

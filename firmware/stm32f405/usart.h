@@ -1,4 +1,4 @@
-/* The link: USART3 at 2 Mbaud, PB10 sends, PB11 receives. Bytes are taken by an interrupt more urgent than the timer's,
+/* The link: USART3 at TACT_BAUD, PB10 sends, PB11 receives. Bytes are taken by an interrupt more urgent than the timer's,
  * into a ring of 8 KiB, so that none is lost while an answer is made.
  *
  * Example use:
@@ -10,8 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* clock_hz: of its bus. */
-void tact_usart_begin(uint32_t clock_hz);
+/* After tact_bus_begin() and with the clock up. */
+void tact_usart_begin(void);
 
 /* What has come, at most so many bytes. */
 size_t tact_usart_receive(uint8_t *bytes, size_t most);

@@ -10,11 +10,14 @@
 #ifndef TACT_STM32F405_WATCHDOG_H
 #define TACT_STM32F405_WATCHDOG_H
 
-/* Cannot be stopped again. */
-void tact_watchdog_start(void);
+/* Its period in force and begun, some 0.3 ms later: 1; it cannot be stopped again. Not from the interrupt. */
+int tact_watchdog_start(void);
 void tact_watchdog_feed(void);
 
 /* A supply below 2.9 V takes the fault's vector, long before the processor fails at 1.8 V. */
 void tact_supply_watch(void);
+
+/* Whether it is below 2.9 V now: one that was low before the watch began does not fall. */
+int tact_supply_is_low(void);
 
 #endif

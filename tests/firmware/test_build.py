@@ -1,5 +1,6 @@
 """Programs of boards: found by the board.toml of their folders, compiled without a warning, written in every form."""
 
+import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,11 @@ from firmware import build as builder
 from firmware.__main__ import main
 from firmware.build import FIRMWARE, build, find_board, memory_used, read_boards, write_program
 from tactuator.errors import BadInput
+from tactuator.rig.transport import BAUD, SerialPort
+from tests.firmware import chip_model
 from tests.firmware.emulator import MACHINES
 
+PAGE = builder.ROOT / "docs" / "porting.md"
 OWN = """
 describes = "Cortex-M4F"
 processor = "cortex-m4"
@@ -67,6 +71,9 @@ def test_program__for_a_board_one_can_buy__is_the_same_in_every_form(tmp_path: P
     flash, ram = memory_used(tmp_path / "f.elf")
     assert flash <= 1 << 20
     assert 64 << 10 < ram <= 96 << 10
+    said = re.search(r"uses (\d+) kB of 1 MiB of flash and (\d+) kB of 128 KiB of RAM", PAGE.read_text())
+    assert said and [int(kb) for kb in said.groups()] == [round(size / 1000) for size in (flash, ram)]
+    assert f"ring buffer ({find_board('stm32f405').rows} rows on the STM32F405)" in PAGE.read_text()
     content = (tmp_path / "f.bin").read_bytes()
     stack, reset = struct.unpack_from("<2I", content)
     assert 0x20000000 < stack <= 0x20020000
@@ -87,3 +94,22 @@ def test_program__that_does_not_fit_or_lacks_its_tools__is_refused(tmp_path: Pat
                          ("objcopy", lambda: write_program(program, tmp_path / "f.bin"))):  # fmt: skip
         with pytest.raises(BadInput, match=f"arm-none-eabi-{missing} is missing; allowed: install it with `make"):
             act()
+
+
+@pytest.mark.parametrize("baud", [BAUD, 921_600, 2_500_000])
+def test_program__for_a_baud_rate__both_ends_have_it_within_what_a_byte_bears(tmp_path, capsys, monkeypatch, baud) -> None:
+    assert main(["program", "--baud", str(baud), "--out", str(tmp_path / "f.bin")]) == 0
+    port = capsys.readouterr().out.split("reach it as board:")[1].strip()
+    opened: dict[str, int] = {}
+    monkeypatch.setattr("serial.serial_for_url", lambda name, rate, **more: opened.update({name: rate}))
+    SerialPort(port)
+    assert opened == {"PORT": baud}
+    on = chip_model.Drivers(chip_model.build(tmp_path, baud), chip_model.Chip())
+    on.call("tact_bus_begin")
+    on.call("tact_usart_begin")
+    assert 42e6 / on.chip.registers[chip_model.USART3 + 8] == pytest.approx(opened["PORT"], rel=0.016)
+
+
+def test_program__for_a_baud_rate_that_the_chip_has_not__is_refused(tmp_path: Path, capsys) -> None:
+    assert main(["program", "--baud", "3000000", "--out", str(tmp_path / "f.bin")]) == 2
+    assert "a baud rate within 1.5 % of 42 MHz by a whole number from 16 on" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from tests.firmware.chip_model import Chip, Drivers, build
 CODES = st.lists(st.integers(-32768, 32767), min_size=3, max_size=3)
 STOPS_WHERE_HOT, LIMITS_CURRENT = 1 << 3, 1 << 2
 """Of the control register (data sheet of the AD5754R)."""
+A_D, D_A, CRYSTAL = 2, 4, 1
 LSI_HZ = (17e3, 47e3)
 """The watchdog's oscillator, least and most (data sheet of the chip)."""
 
@@ -118,8 +119,8 @@ def converters(library, chip):
 def test_converters__with_a_d_a_or_none__begin_where_it_is(library, is_there):
     chip = Chip()
     chip.output.is_there = is_there
-    on, begun = converters(library, chip)
-    assert (begun, on.call("tact_chip_is_sound")) == (is_there, is_there)
+    on, missing = converters(library, chip)
+    assert (missing, on.call("tact_chip_is_sound")) == (0 if is_there else D_A, is_there)
 
 
 def test_converters__d_a_that_resets_itself__is_found_out_within_64_ticks(library):
@@ -139,7 +140,7 @@ def test_clock__crystal__is_168_mhz_and_without_one_it_is_told(library):
     order: list[int] = []
     kept = on.chip.set
     on.chip.set = lambda address, value: (order.append(address), kept(address, value))[1]
-    assert on.call("tact_chip_clock") == 1
+    assert on.call("tact_chip_clock") == 0
     pll, bus = on.chip.registers[model.RCC + 4], on.chip.registers[model.RCC + 8]
     assert pll >> 22 & 1
     fast_hz = model.CRYSTAL_HZ / (pll & 63) * (pll >> 6 & 511)
@@ -153,7 +154,8 @@ def test_clock__crystal__is_168_mhz_and_without_one_it_is_told(library):
     assert on.call("tact_chip_cycles") == 700
     chip = Chip()
     chip.crystal_works = False
-    assert drivers(library, chip).call("tact_chip_clock") == 0
+    assert drivers(library, chip).call("tact_chip_clock") == CRYSTAL
+    assert chip.system_hz == 168e6  # from the oscillator inside
 
 
 def test_watchdog__slowest_and_fastest_oscillator__between_6_and_18_ms(library):
@@ -163,6 +165,7 @@ def test_watchdog__slowest_and_fastest_oscillator__between_6_and_18_ms(library):
     on.chip.set = lambda address, value: (keys.append((address - model.IWDG, value)), kept(address, value))[1]
     on.call("tact_watchdog_start")
     assert keys == [(0, 0xCCCC), (0, 0x5555), (4, 0), (8, on.chip.registers[model.IWDG + 8]), (0, 0xAAAA)]
+    assert on.chip.fed_with == on.chip.registers[model.IWDG + 8]  # not the 0xFFF of a reset: it would wait for a second
     longest, shortest = (1e3 * 4 * (on.chip.registers[model.IWDG + 8] + 1) / hz for hz in LSI_HZ)
     assert shortest > 6.0
     assert longest < 18.0
@@ -170,7 +173,7 @@ def test_watchdog__slowest_and_fastest_oscillator__between_6_and_18_ms(library):
 
 def test_usart__2_megabaud_and_bytes_in_order_either_way_as_many_as_the_ring_holds(library):
     on = drivers(library)
-    on.call("tact_usart_begin", ctypes.c_uint32(42_000_000))
+    on.call("tact_usart_begin")
     assert 42_000_000 / on.chip.registers[model.USART3 + 8] == 2_000_000
     assert on.chip.registers[0x40020400 + model.MODE] >> 20 & 15 == 0b1010
     for length in (3, 8192, 9000):

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,31 @@ class RequestOutcome(IntEnum):
     OTHER_RUN = 6
     NOT_HERE = 7
     LOCKED = 8
+    INCOMPLETE = 9
+
+
+class Missing(IntFlag):
+    """Parts that a board lacks (TACT_MISSING_...)."""
+
+    CRYSTAL = 1
+    AD = 2
+    DA = 4
+    SUPPLY = 8
+    WATCHDOG = 16
+
+    @property
+    def words(self) -> str:
+        """Return the parts for a person: "A/D converter, supply of 2.9 V"."""
+        return ", ".join(_PARTS[part] for part in self)
+
+
+_PARTS = {
+    Missing.CRYSTAL: "crystal",
+    Missing.AD: "A/D converter",
+    Missing.DA: "D/A converter",
+    Missing.SUPPLY: "supply of 2.9 V",
+    Missing.WATCHDOG: "watchdog",
+}
 
 
 @dataclass(frozen=True)
@@ -176,6 +201,14 @@ class RigLocked(DeviceFault):
         )
 
 
+class RigIncomplete(DeviceFault):
+    """Something of the board is missing: its outputs stay safe."""
+
+    def __init__(self, missing: Missing) -> None:
+        super().__init__(f"the board lacks: {missing.words}", "the wiring of docs/porting.md; reset the board after a repair")
+        self.missing = missing
+
+
 class LinkGarbled(DeviceFault):
     """An answer of a board has a sound checksum, and is none to the request that was made."""
 
@@ -227,8 +260,9 @@ class Status:
     acknowledged: int
     locked_ticks: int
     cycles: int
+    missing: Missing
 
-    LAYOUT = struct.Struct("<16s7Bf17I")
+    LAYOUT = struct.Struct("<16s7Bf18I")
 
     def require_no_fault(self) -> None:
         """Raise RigFault where the guard has ended the run."""
@@ -238,10 +272,10 @@ class Status:
     @classmethod
     def parse(cls, payload: bytes) -> Status:
         """Return the status that an answer to STATUS holds."""
-        name, channels, mode, fault, where, rest, hold, delay, rate, *counts = cls.LAYOUT.unpack(payload)
+        name, channels, mode, fault, where, rest, hold, delay, rate, *counts, missing = cls.LAYOUT.unpack(payload)
         text = name.rstrip(b"\0").decode("ascii", "replace")
         flags = (bool(rest), bool(hold))
-        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, delay, rate, *counts)
+        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, delay, rate, *counts, Missing(missing))
 
 
 @dataclass(frozen=True)
@@ -292,7 +326,8 @@ class LinkClient:
             if answer is not None:
                 with understood(request):
                     return RequestOutcome(answer.payload[0]), answer.payload[1:]
-        raise LinkDown(f"the board does not answer ({request.name.lower()})", "a board that runs the firmware")
+        words = f"the board does not answer ({request.name.lower()})"
+        raise LinkDown(words, "a board that runs the firmware, at its baud rate (PORT@BAUD)")
 
     def _answer(self, request: Request, timeout_s: float, begun: int | None) -> Frame | None:
         """Return the answer; None where none comes in time, or where the board has begun after `begun` times."""
@@ -316,6 +351,8 @@ class LinkClient:
         status.require_no_fault()
         if outcome is RequestOutcome.LOCKED:
             raise RigLocked(status.sensor_faults - status.acknowledged)
+        if outcome is RequestOutcome.INCOMPLETE:
+            raise RigIncomplete(status.missing)
         what, how = request.name.lower(), outcome.name.lower().replace("_", " ")
         raise BadInput(f"the board refused to {what}: {how}; it is {status.mode.name}")
 

@@ -30,15 +30,15 @@ void __wrap_tact_systick_start(uint32_t clocks, void (*tick)(void))
     __real_tact_systick_start(clocks, tact_emulated_come);
 }
 
-int tact_chip_clock(void)
+int32_t tact_chip_clock(void)
 {
-    return 1;
+    return 0;
 }
 
-int tact_chip_converters(int32_t count)
+int32_t tact_chip_converters(int32_t count)
 {
     (void)count;
-    return 1;
+    return 0;
 }
 
 void tact_chip_put_out(const int32_t *codes)
