@@ -35,8 +35,8 @@ _HOST_ALONE = ("core/display", "core/host")
 class Board:
     """A board: what the compiler and the linker are told.
 
-    rows: of the rings for stream and trace, a power of two. baud: rate of the link; the host's default. folders: with the sources and the linker script of its
-    program, besides core/ and what is in firmware/ for every board. flags: more for the compiler.
+    rows: of the rings for stream and trace, a power of two. baud: rate of the link. folders: with the sources and the
+    linker script of its program, besides core/ and what is in firmware/ for every board. flags: more for the compiler.
     """
 
     name: str

@@ -51,9 +51,7 @@ class Verified:
         return self.first_difference is None and self.late == 0
 
 
-def verify(
-    rig: BoardRig, controller: Controller, seconds: float = 10.0, seed: int = 0, bare: bool = False
-) -> Verified:
+def verify(rig: BoardRig, controller: Controller, seconds: float = 10.0, seed: int = 0, bare: bool = False) -> Verified:
     """Let a board play noise of 26 dB SL rms in closed loop, and compare each of its commands, bit for bit, with what
     this machine's core makes of the same rows and of the board's own readings.
 

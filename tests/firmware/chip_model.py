@@ -13,7 +13,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware"
-SOURCES = ("main.c", "stm32f405/port_stm32f405.c", "stm32f405/bus.c", "stm32f405/watchdog.c", "stm32f405/usart.c", "stm32f405/silicon/ad5754.c",
+SOURCES = ("main.c", "stm32f405/port_stm32f405.c", "stm32f405/bus.c",
+           "stm32f405/watchdog.c", "stm32f405/usart.c", "stm32f405/silicon/ad5754.c",
            "stm32f405/silicon/ad7606.c", "stm32f405/silicon/clock.c", "stm32f405/silicon/converters.c",
            "cortex_m/systick.c", "cortex_m/processor.c")  # fmt: skip
 HALTED, ENDED = 1, 2
@@ -184,7 +185,9 @@ class Chip:
         before = self.registers.get(address, 0)
         source = self.registers.get(RCC + 8, 0) & 3
         if address == RCC:
-            kept = (HSI_ON, HSE_ON, PLL_ON)[source] | (HSE_ON if source == 2 and self.registers[RCC + 4] >> 22 & 1 else 0)
+            kept = (HSI_ON, HSE_ON, PLL_ON)[source] | (
+                HSE_ON if source == 2 and self.registers[RCC + 4] >> 22 & 1 else 0
+            )
             value = value & ~READY | before & kept  # what is in use stays on
             if before & HSE_ON:
                 value = value & ~HSE_BYPASSED | before & HSE_BYPASSED

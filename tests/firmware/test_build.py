@@ -72,7 +72,8 @@ def test_program__for_a_board_one_can_buy__is_the_same_in_every_form(tmp_path: P
     assert flash <= 1 << 20
     assert 64 << 10 < ram <= 96 << 10
     said = re.search(r"uses (\d+) kB of 1 MiB of flash and (\d+) kB of 128 KiB of RAM", PAGE.read_text())
-    assert said and [int(kb) for kb in said.groups()] == [round(size / 1000) for size in (flash, ram)]
+    assert said
+    assert [int(kb) for kb in said.groups()] == [round(size / 1000) for size in (flash, ram)]
     assert f"ring buffer ({find_board('stm32f405').rows} rows on the STM32F405)" in PAGE.read_text()
     content = (tmp_path / "f.bin").read_bytes()
     stack, reset = struct.unpack_from("<2I", content)
@@ -97,7 +98,9 @@ def test_program__that_does_not_fit_or_lacks_its_tools__is_refused(tmp_path: Pat
 
 
 @pytest.mark.parametrize("baud", [BAUD, 921_600, 2_500_000])
-def test_program__for_a_baud_rate__both_ends_have_it_within_what_a_byte_bears(tmp_path, capsys, monkeypatch, baud) -> None:
+def test_program__for_a_baud_rate__both_ends_have_it_within_what_a_byte_bears(
+    tmp_path, capsys, monkeypatch, baud
+) -> None:
     assert main(["program", "--baud", str(baud), "--out", str(tmp_path / "f.bin")]) == 0
     port = capsys.readouterr().out.split("reach it as board:")[1].strip()
     opened: dict[str, int] = {}

@@ -103,7 +103,7 @@ def started(program: Path, chip: Chip) -> Iterator[tuple[Started, LinkClient]]:
 
 
 def after_a_bootloader(chip: Chip, pll: int, source: int, control: int = 0) -> Chip:
-    """As one leaves it: the PLL is the clock, vectors, timer and interrupts are its own, a pin of ours is open drain."""
+    """As one leaves it: the PLL is the clock, vectors, timer and interrupts are its own; a pin is open drain."""
     chip.registers.update({
         model.RCC: model.HSI_ON | model.HSE_ON | model.PLL_ON | control, model.RCC + 4: pll, model.RCC + 8: source,
         model.FLASH: 0x705, model.VTOR: 0x1FFF0000, model.SYSTICK: SYSTICK_RUNS, model.SYSTICK + 4: 60_000,

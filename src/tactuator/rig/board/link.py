@@ -205,7 +205,9 @@ class RigIncomplete(DeviceFault):
     """Something of the board is missing: its outputs stay safe."""
 
     def __init__(self, missing: Missing) -> None:
-        super().__init__(f"the board lacks: {missing.words}", "the wiring of docs/porting.md; reset the board after a repair")
+        super().__init__(
+            f"the board lacks: {missing.words}", "the wiring of docs/porting.md; reset the board after a repair"
+        )
         self.missing = missing
 
 
