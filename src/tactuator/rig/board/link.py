@@ -277,7 +277,7 @@ class Status:
         name, channels, mode, fault, where, rest, hold, delay, rate, *counts, missing = cls.LAYOUT.unpack(payload)
         text = name.rstrip(b"\0").decode("ascii", "replace")
         flags = (bool(rest), bool(hold))
-        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, delay, rate, *counts, Missing(missing))
+        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, delay, rate, *counts, missing=Missing(missing))
 
 
 @dataclass(frozen=True)
