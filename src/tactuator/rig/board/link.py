@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,10 +275,10 @@ class Status:
     @classmethod
     def parse(cls, payload: bytes) -> Status:
         """Return the status that an answer to STATUS holds."""
-        name, channels, mode, fault, where, rest, hold, delay, rate, *counts, missing = cls.LAYOUT.unpack(payload)
+        name, channels, mode, fault, where, rest, hold, *rest_of = cls.LAYOUT.unpack(payload)
         text = name.rstrip(b"\0").decode("ascii", "replace")
-        flags = (bool(rest), bool(hold))
-        return cls(text, channels, Mode(mode), Fault(fault), where, *flags, delay, rate, *counts, missing=Missing(missing))
+        values: list[Any] = [bool(rest), bool(hold), *rest_of[:-1], Missing(rest_of[-1])]
+        return cls(text, channels, Mode(mode), Fault(fault), where, *values)
 
 
 @dataclass(frozen=True)
