@@ -17,6 +17,7 @@ from tactuator.experiment.store.records import study_names
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import answered_runs, stored_tasks
 from tactuator.experiment.task.matching import evidence_table, pairs_table
+from tactuator.experiment.task.task import Task
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import resolve_curve, write_contours
 from tactuator.perception.contours import Contours
@@ -173,7 +174,7 @@ def judged(
     """
     words = shipped_words("en")
     with closing(Store(Path(store), must_exist=True)) as opened:
-        kinds = {keys.kind: keys for keys in stored_tasks(opened)}
+        kinds = {keys.kind: keys for keys in stored_tasks(opened, Task)}
         if not kinds:
             with opened.read() as connection:
                 got = f"the store holds {', '.join(study_names(connection)) or 'no study'}"

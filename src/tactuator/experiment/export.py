@@ -1,7 +1,6 @@
 """Exports of a store: tidy CSV, Psych-DS and BIDS behaviour; each a folder with its dictionary, whole or not at all.
 
-dictionary.csv says of every column what it means, its unit and, where it is read from the store, its SQL: the query and
-the description cannot disagree. Withdrawn data are left out.
+Withdrawn data are left out.
 """
 
 from __future__ import annotations
@@ -14,49 +13,36 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from importlib.resources import files
 from itertools import count
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
-from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, literal_column, select
+from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, select
 
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
-from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.protocol.recognition import Paradigm
 from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.result.thresholds import refit_prior, thresholds
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import CONSENT_NAME
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import detection_runs
+from tactuator.experiment.store.stored_runs import (
+    COLUMNS,
+    INTERVALS,
+    TRIALS,
+    Column,
+    detection_runs,
+    selected,
+    stored_protocols,
+)
 from tactuator.io.atomic import atomic_folder
 
 TableRow = dict[str, Any]
 _PROGRAMS = ("simulated", "script")
 _MISSING = "n/a"
-
-
-class Column(NamedTuple):
-    """A column of an exported table. source: its SQL, empty where it is computed."""
-
-    table: str
-    name: str
-    source: str
-    unit: str
-    description: str
-
-
-def _dictionary() -> dict[str, tuple[Column, ...]]:
-    text = files("tactuator.experiment").joinpath("dictionary.csv").read_text("utf-8")
-    columns = [Column(*row) for row in csv.reader(text.splitlines()[1:])]
-    return {name: tuple(c for c in columns if c.table == name) for name in dict.fromkeys(c.table for c in columns)}
-
-
-_COLUMNS = _dictionary()
 
 
 @dataclass(frozen=True)
@@ -92,21 +78,18 @@ def cell(value: Any, missing: str = "") -> Any:
 def exported(store: Store) -> Exported:
     """Read the whole store. Raises BadInput where it has no response that may be used."""
     study, subject, session, run, trial = schema.study, schema.subject, schema.session, schema.run, schema.trial
-    interval, event, version = schema.interval, schema.event, schema.protocol_version
+    event = schema.event
     order = (study.c.id, subject.c.number, session.c.visit, run.c.id, trial.c.number)
     with store.read() as connection:
 
         def read(table: str, key: Any, source: FromClause, where: ColumnElement[bool], *by: Any) -> list[TableRow]:
-            columns: list[ColumnElement[Any]] = [literal_column(c.source).label(c.name) for c in _COLUMNS[table]]
-            query = select(*columns, key.label("key")).select_from(source).where(where).order_by(*by)
+            query = select(*selected(table), key.label("key")).select_from(source).where(where).order_by(*by)
             return [{name: _plain(value) for name, value in row._mapping.items()} for row in connection.execute(query)]
 
-        answered = schema.ANSWERED.outerjoin(version, run.c.protocol_version_id == version.c.id)
-        trials = read("trials", trial.c.id, answered, schema.KEPT, *order)
+        trials = read("trials", trial.c.id, TRIALS, schema.KEPT, *order)
         if not trials:
             raise BadInput(f"store {store.name} has no response", "one with at least one")
-        shown = schema.ANSWERED.join(interval, interval.c.trial_id == trial.c.id)
-        intervals = read("intervals", trial.c.id, shown, schema.KEPT, *order, interval.c.position)
+        intervals = read("intervals", trial.c.id, INTERVALS, schema.KEPT, *order, schema.interval.c.position)
         _add_played(trials, intervals)
         happened = (
             event.outerjoin(session, session.c.id == event.c.session_id)
@@ -120,8 +103,8 @@ def exported(store: Store) -> Exported:
         items = _add_facts(connection, subjects)
         settings = _settings(connection)
     tables = {"trials": trials, "intervals": intervals, "events": events, "subjects": subjects}
-    columns = _COLUMNS | {"subjects": (*_COLUMNS["subjects"], *items)}
-    return Exported(tables | {"thresholds": _thresholds(store)}, columns, settings)
+    described = {**COLUMNS, "subjects": (*COLUMNS["subjects"], *items)}
+    return Exported(tables | {"thresholds": _thresholds(store)}, described, settings)
 
 
 def _plain(value: Any) -> Any:
@@ -147,8 +130,8 @@ def _add_facts(connection: Connection, subjects: list[TableRow]) -> list[Column]
     for row in connection.execute(select(fact).where(fact.c.value.is_not(None)).order_by(fact.c.id)):
         facts.setdefault(row.subject_id, {})[row.name] = row.value
         items.setdefault(row.name, Column("subjects", row.name, "", row.unit, "As the laboratory defines it"))
-    for text in connection.execute(select(schema.protocol_version.c.toml)).scalars():
-        for item in parse_protocol(text, StudyProtocol).demographic:
+    for protocol in stored_protocols(connection, StudyProtocol).values():
+        for item in protocol.demographic:
             items[item.name] = Column("subjects", item.name, "", item.unit, item.label)
     for subject in subjects:
         subject.update(dict.fromkeys(items) | facts.get(subject["key"], {}))
@@ -170,7 +153,7 @@ def _thresholds(store: Store) -> list[TableRow]:
     with store.read() as connection:
         studies = {row.id: row.name for row in connection.execute(select(schema.study))}
         versions = {row.id: row.number for row in connection.execute(select(schema.protocol_version))}
-    by_run, names = {run.run.id: run for run in runs}, [column.name for column in _COLUMNS["thresholds"]]
+    by_run, names = {run.run.id: run for run in runs}, [column.name for column in COLUMNS["thresholds"]]
     rows = []
     for threshold in thresholds(runs):
         session, run = by_run[threshold.run].session, by_run[threshold.run].run
@@ -184,6 +167,8 @@ def _thresholds(store: Store) -> list[TableRow]:
 
 def _settings(connection: Connection) -> dict[str, dict[str, object]]:
     version, study = schema.protocol_version, schema.study
+    detection = stored_protocols(connection, Protocol)
+    refitted = {row: each for row, each in detection.items() if not each.procedure.chooses_frequency}
     query = select(version, study.c.name.label("study")).join(study).order_by(version.c.study_id, version.c.number)
     return {
         f"protocol-{row.study_id}-{row.number}": {
@@ -191,18 +176,10 @@ def _settings(connection: Connection) -> dict[str, dict[str, object]]:
             "version": row.number,
             **{name: row._mapping[name] for name in ("reason", "sha256", "tool_version", "created_utc")},
             "protocol": json.loads(json.dumps(tomllib.loads(row.toml), default=str)),
-            **_refit(row.toml),
+            **({"refit": refit_prior(refitted[row.id]).settings()} if row.id in refitted else {}),
         }
         for row in connection.execute(query)
     }
-
-
-def _refit(text: str) -> dict[str, object]:
-    """Return the settings of the refit, where the protocol's runs are refitted one by one."""
-    protocol = parse_protocol(text, StudyProtocol)
-    if not isinstance(protocol, Protocol) or protocol.procedure.chooses_frequency:
-        return {}
-    return {"refit": refit_prior(protocol).settings()}
 
 
 def label(text: str) -> str:
@@ -367,7 +344,7 @@ _QUESTIONS = {"detection": "Which interval carries the vibration?", "recognition
 
 
 def _write_session(data: Exported, trials: list[TableRow], place: Path, entities: str) -> None:
-    asks, columns = "Judgement of tones; the protocol's table [task] tells it", _COLUMNS["bids-events"]
+    asks, columns = "Judgement of tones; the protocol's table [task] tells it", COLUMNS["bids-events"]
     for task in _tasks(trials):
         asked = [row for row in trials if _task(row) == task]
         for number, run in enumerate(dict.fromkeys(row["run"] for row in asked), start=1):

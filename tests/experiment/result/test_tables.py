@@ -196,7 +196,7 @@ def test_judged__magnitudes_at_the_display__are_told_and_drawn(tmp_path) -> None
     with pytest.raises(BadInput, match="no done run of matching"):
         judged(tmp_path / "lab.db", task="matching")
     Store(tmp_path / "empty.db").close()
-    with pytest.raises(BadInput, match="no done run of matching"):
+    with pytest.raises(BadInput, match="has no task of matches"):
         contour_results(tmp_path / "empty.db")
     with pytest.raises(BadInput, match="the store holds no study; allowed: a study in which tones are judged"):
         judged(tmp_path / "empty.db")

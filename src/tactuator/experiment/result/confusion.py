@@ -18,6 +18,7 @@ from tactuator.experiment.result.played import was_simulated
 from tactuator.experiment.result.thresholds import MeasuredThreshold
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import TRIALS, selected
 from tactuator.experiment.words import Words
 from tactuator.result import ResultTable
 
@@ -191,11 +192,10 @@ def session_results(
 
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, bool]]:
     """Return (subject, correct, response, nobody felt it) of each trial of test blocks that were not given up."""
-    run = schema.run.c
+    felt = ("subject_group", "respondent", "rig", "rig_simulated")
     query = (
-        select(schema.subject.c.code, schema.trial.c.correct_response, schema.response.c.response)
-        .add_columns(schema.subject.c.subject_group, run.respondent, run.rig, run.rig_simulated)
-        .select_from(schema.ANSWERED)
+        select(*selected("trials", "subject", "correct_response", "response", *felt))
+        .select_from(TRIALS)
         .where(
             schema.session.c.study_id == study,
             schema.KEPT,

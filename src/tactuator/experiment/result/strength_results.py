@@ -24,7 +24,6 @@ from tactuator.experiment.task.task import Answered, AnsweredRun
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact, Provenance, ThresholdCurve
 
-KIND = "matching"
 _POINTS = 24
 _SAME_HZ = 1e-6
 
@@ -69,8 +68,8 @@ def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve 
     several references; with a curve, where the matches do not tell that of the display.
     """
     with closing(Store(path, must_exist=True)) as store:
-        runs, keys = answered_runs(store, KIND, group=group), _keys(store)
-        contact = _contact(store)
+        keys, contact = _keys(store), _contact(store)
+        runs = answered_runs(store, keys.kind, group=group)
     mine = [run for run in runs if run.finger == keys.finger]
     simulated = any(run.simulated for run in runs)
     provenance: Provenance = "simulated" if simulated else "measured"
@@ -86,11 +85,13 @@ def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve 
 
 def _keys(store: Store) -> Matching:
     """Return the task's keys, the newest, with every level that was a standard's."""
-    tasks = [keys for keys in stored_tasks(store, KIND) if isinstance(keys, Matching)]
+    tasks = stored_tasks(store, Matching)
+    if not tasks:
+        raise BadInput(f"store {store.name} has no task of matches", "a study in which tones are matched")
     references = {(keys.finger, keys.frequency_hz) for keys in tasks}
     if len(references) != 1:
         got = ", ".join(f"{hertz:g} Hz on {finger}" for finger, hertz in sorted(references))
-        raise BadInput(f"standards of {got or 'no protocol'}", "one frequency and finger in all of the store")
+        raise BadInput(f"standards of {got}", "one frequency and finger in all of the store")
     return max(tasks, key=lambda keys: len(keys.levels_db_sl))
 
 

@@ -1,15 +1,22 @@
-"""Runs with their trials, and answers to tasks, as they are in the store, ready for analysis."""
+"""Reading of a store: tables of the exports' dictionary, runs with their trials, answers to tasks, protocols.
+
+dictionary.csv says of every column what it means, its unit and, where it is read from the store, its SQL: the query and
+the description cannot disagree.
+"""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from itertools import chain, groupby
-from typing import Any
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
-from sqlalchemy import Connection, Integer, Select, select
+from sqlalchemy import ColumnElement, Connection, Integer, Select, literal_column, select
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
@@ -22,6 +29,50 @@ from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.task.task import Answered, AnsweredRun, Task
 from tactuator.experiment.trial import LOUD, SIGNAL, Tone
+
+_P = TypeVar("_P", bound=StudyProtocol)
+_Task = TypeVar("_Task", bound=Task)
+
+
+class Column(NamedTuple):
+    """A column of an exported table. source: its SQL, empty where it is computed."""
+
+    table: str
+    name: str
+    source: str
+    unit: str
+    description: str
+
+
+def _dictionary() -> dict[str, tuple[Column, ...]]:
+    text = files("tactuator.experiment").joinpath("dictionary.csv").read_text("utf-8")
+    columns = [Column(*row) for row in csv.reader(text.splitlines()[1:])]
+    return {name: tuple(c for c in columns if c.table == name) for name in dict.fromkeys(c.table for c in columns)}
+
+
+COLUMNS: Mapping[str, tuple[Column, ...]] = _dictionary()
+"""The dictionary: columns by their table."""
+TRIALS = schema.ANSWERED.outerjoin(
+    schema.protocol_version, schema.run.c.protocol_version_id == schema.protocol_version.c.id
+)
+"""What columns of `trials` are read from."""
+INTERVALS = schema.ANSWERED.join(schema.interval, schema.interval.c.trial_id == schema.trial.c.id)
+"""What columns of `intervals` are read from, beside which those of their trials may be."""
+
+
+def selected(table: str, *names: str) -> list[ColumnElement[Any]]:
+    """Return columns of a table of the dictionary as SQL under their names, by default all of them."""
+    by_name = {column.name: column.source for column in COLUMNS[table]}
+    return [literal_column(by_name[name]).label(name) for name in names or by_name]
+
+
+def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
+    """Return the protocols of that form by the row of their version, the oldest first; form: StudyProtocol for all."""
+    version = schema.protocol_version.c
+    query = select(version.id, version.toml).order_by(version.id)
+    every = {row.id: parse_protocol(row.toml, StudyProtocol) for row in connection.execute(query)}
+    return {row: protocol for row, protocol in every.items() if isinstance(protocol, form)}
+
 
 _RUNS = 256
 """Runs that are read at once."""
@@ -66,11 +117,10 @@ def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
     Raises BadInput without any.
     """
     with store.read() as connection:
-        versions = select(schema.protocol_version)
-        every = {row.id: parse_protocol(row.toml, StudyProtocol) for row in connection.execute(versions)}
-        protocols = {row: protocol for row, protocol in every.items() if isinstance(protocol, Protocol)}
-        sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
-        rows = _done(connection, FORCED_CHOICE, session, sessions)
+        protocols = stored_protocols(connection, Protocol)
+        sessions = {row.id: row for row in connection.execute(session_query())}
+        done = select(schema.run).join(schema.session).where(*_done(FORCED_CHOICE, session)).order_by(*_IN_ORDER)
+        rows = list(connection.execute(done))
         runs = []
         for first in range(0, len(rows), _RUNS):
             part = rows[first : first + _RUNS]
@@ -87,13 +137,14 @@ def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
     return runs
 
 
-def _done(connection: Connection, paradigm: str, session: int | None, sessions: Mapping[int, Found]) -> list[Found]:
+def _done(paradigm: str, session: int | None) -> list[ColumnElement[bool]]:
+    """Return what holds of the runs that are done, practice and withdrawn sessions left out."""
     run = schema.run.c
-    wanted = [run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
-    if session is not None:
-        wanted.append(run.session_id == session)
-    query = select(schema.run).where(*wanted).order_by(run.session_id, run.position, run.attempt)
-    return [row for row in connection.execute(query) if row.session_id in sessions]
+    wanted = [schema.KEPT, run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
+    return wanted if session is None else [*wanted, run.session_id == session]
+
+
+_IN_ORDER = (schema.run.c.session_id, schema.run.c.position, schema.run.c.attempt)
 
 
 def _none(store: str, session: int | None, what: str) -> BadInput:
@@ -127,32 +178,28 @@ class _Rows:
 
 def _trials(connection: Connection, runs: Sequence[Found]) -> _Rows:
     """Return the runs' trials that were answered: frequency, level, the curve's level, and whether it was right."""
-    trial, response = schema.trial, schema.response
-    columns = (trial.c.frequency_hz, trial.c.level_db_sl, trial.c.curve_level_db_re_1um, response.c.correct)
-    query = (
-        select(trial.c.run_id, *columns)
-        .join_from(trial, response, response.c.trial_id == trial.c.id)
-        .where(trial.c.run_id.in_([run.id for run in runs]))
-        .order_by(trial.c.run_id, trial.c.number)
-    )
+    wanted = selected("trials", "run", "frequency_hz", "level_db_sl", "curve_level_db_re_1um", "correct")
+    query = _of(select(*wanted).select_from(TRIALS), runs)
     return _Rows.read(connection, query, (np.float64, np.float64, np.float64, np.bool_))
 
 
 def _intervals(connection: Connection, runs: Sequence[Found]) -> _Rows:
     """Return the intervals of the runs' trials: bits of what each was, commanded and measured level."""
-    trial, interval = schema.trial, schema.interval
+    names = ("run", "stimulus", "saturated", "commanded_db_sl", "measured_db_sl")
+    run, stimulus, saturated, *levels = selected("intervals", *names)
     kind = (
-        _TONE * (interval.c.stimulus == SIGNAL).cast(Integer)
-        + _LOUD * (interval.c.stimulus == LOUD).cast(Integer)
-        + _SATURATED * interval.c.saturated.cast(Integer)
+        _TONE * (stimulus == SIGNAL).cast(Integer)
+        + _LOUD * (stimulus == LOUD).cast(Integer)
+        + _SATURATED * saturated.cast(Integer)
     )
-    query = (
-        select(trial.c.run_id, kind, interval.c.commanded_db_sl, interval.c.measured_db_sl)
-        .join_from(trial, interval, interval.c.trial_id == trial.c.id)
-        .where(trial.c.run_id.in_([run.id for run in runs]))
-        .order_by(trial.c.run_id, trial.c.number, interval.c.position)
-    )
-    return _Rows.read(connection, query, (np.uint8, np.float64, np.float64))
+    query = _of(select(run, kind, *levels).select_from(INTERVALS), runs)
+    return _Rows.read(connection, query.order_by(schema.interval.c.position), (np.uint8, np.float64, np.float64))
+
+
+def _of(query: Select[Any], runs: Sequence[Found]) -> Select[Any]:
+    """Return the part of a query that is of these runs, by run and trial."""
+    run = schema.run.c.id
+    return query.where(run.in_([row.id for row in runs])).order_by(run, schema.trial.c.number)
 
 
 def answered_runs(
@@ -162,53 +209,45 @@ def answered_runs(
 
     Practice and what was withdrawn are left out. Raises BadInput without any.
     """
+    wanted = _done(kind, session)
+    if group is not None:
+        wanted.append(schema.subject.c.subject_group == group)
+    of_trials = ("subject", "finger", "trial", "level_db_sl", "frequency_hz", "curve_level_db_re_1um", "response")
+    cells = [
+        *selected("intervals", "run", "stimulus", "commanded_db_sl", "measured_db_sl", "simulated"),
+        *selected("trials", *of_trials, "correct"),
+        schema.run.c.frequency_hz.label("run_hz"),
+    ]
+    query = (
+        select(*cells)
+        .select_from(INTERVALS)
+        .where(*wanted)
+        .order_by(*_IN_ORDER, schema.trial.c.number, schema.interval.c.position)
+    )
     with store.read() as connection:
-        sessions = {row.id: row for row in connection.execute(session_query().where(schema.KEPT))}
-        rows = _done(connection, kind, session, sessions)
-        if group is not None:
-            rows = [row for row in rows if sessions[row.session_id].subject_group == group]
-        trials = _answered(connection, [row.id for row in rows])
+        rows = list(connection.execute(query))
     if not rows:
         raise _none(str(store.path), session, f"done run of {kind}")
-    return tuple(_run(sessions[row.session_id], row, trials.get(row.id, ())) for row in rows)
+    return tuple(_answered_run(list(of_run)) for _, of_run in groupby(rows, key=attrgetter("run")))
 
 
-def stored_tasks(store: Store, kind: str | None = None) -> tuple[Task, ...]:
-    """Return the tables [task] that the store's protocols have, the newest last. kind: only of that kind."""
+def _answered_run(rows: Sequence[Found]) -> AnsweredRun:
+    trials = tuple(_answered(list(of_trial)) for _, of_trial in groupby(rows, key=attrgetter("trial")))
+    return AnsweredRun(rows[0].subject, rows[0].finger, rows[0].run_hz, trials, bool(rows[0].simulated))
+
+
+def _answered(intervals: Sequence[Found]) -> Answered:
+    tones = tuple(_tone(row.stimulus, row.commanded_db_sl, row.measured_db_sl) for row in intervals)
+    trial = intervals[0]
+    point = trial.frequency_hz, trial.curve_level_db_re_1um
+    return Answered(tones, trial.level_db_sl, trial.response, bool(trial.correct), None if None in point else point)
+
+
+def stored_tasks(store: Store, form: type[_Task]) -> tuple[_Task, ...]:
+    """Return the tables [task] of that form that the store's protocols have, the newest last; form: Task for all."""
     with store.read() as connection:
-        texts = connection.execute(select(schema.protocol_version.c.toml).order_by(schema.protocol_version.c.id))
-        protocols = [parse_protocol(text, StudyProtocol) for text in texts.scalars()]
-    tasks = [protocol.task for protocol in protocols if isinstance(protocol, JudgingProtocol)]
-    return tuple(task for task in tasks if kind in (None, task.kind))
-
-
-def _run(session: Found, run: Found, trials: Sequence[Answered]) -> AnsweredRun:
-    simulated = run.respondent in ("simulated", "script") or bool(run.rig_simulated)
-    return AnsweredRun(session.subject_code, run.finger, run.frequency_hz, tuple(trials), simulated)
-
-
-def _answered(connection: Connection, runs: Sequence[int]) -> dict[int, tuple[Answered, ...]]:
-    trial, response, interval = schema.trial.c, schema.response.c, schema.interval.c
-    tables = schema.trial.join(schema.response).join(schema.interval, interval.trial_id == trial.id)
-    columns = (
-        *(trial.run_id, trial.id, trial.level_db_sl, trial.frequency_hz, trial.curve_level_db_re_1um),
-        *(response.response, response.correct),
-    )
-    query = (
-        select(*columns, interval.stimulus, interval.commanded_db_sl, interval.measured_db_sl)
-        .select_from(tables)
-        .where(trial.run_id.in_(runs))
-        .order_by(trial.run_id, trial.number, interval.position)
-    )
-    answers: dict[int, list[Answered]] = {}
-    for (run, *_), rows in groupby(connection.execute(query), key=lambda row: (row.run_id, row.id)):
-        intervals = list(rows)
-        tones = tuple(_tone(row.stimulus, row.commanded_db_sl, row.measured_db_sl) for row in intervals)
-        first = intervals[0]
-        about = first.level_db_sl, first.response, bool(first.correct)
-        point = first.frequency_hz, first.curve_level_db_re_1um
-        answers.setdefault(run, []).append(Answered(tones, *about, None if None in point else point))
-    return {run: tuple(trials) for run, trials in answers.items()}
+        tasks = [protocol.task for protocol in stored_protocols(connection, JudgingProtocol).values()]
+    return tuple(task for task in tasks if isinstance(task, form))
 
 
 def _tone(label: str, level_db_sl: float | None, measured_db_sl: float | None) -> Tone | None:

@@ -1,16 +1,21 @@
-"""A procedure of another package: in a protocol file, in a session, simulated, and refused by its own keys."""
+"""A procedure and a task of another package: in a protocol, a session, simulated, exported, in results and figures."""
 
 import dataclasses
 
 import pytest
 
+from tactuator.api.strength import contours, judged
 from tactuator.errors import BadInput
+from tactuator.experiment.export import export
 from tactuator.experiment.procedure.procedure import GROUP, Playable
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
+from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.result.thresholds import thresholds
+from tactuator.experiment.session.studies import task_of
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate_kind
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
+from tactuator.experiment.store.store import opened_store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.perception.curve import curve
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus
@@ -97,3 +102,75 @@ def test_simulate__each_kind__is_judged_alike_by_its_own_rule(install) -> None:
     paper, updown = (simulate_kind(kind, Setting(50, seed=2)) for kind in ("imece2004", "up-down"))
     assert dataclasses.asdict(paper) == dataclasses.asdict(updown)
     assert simulate_kind("quest-plus", Setting(20, seed=2), trials=25).trials_mean == 25.0
+
+
+TASK = """
+from dataclasses import dataclass
+
+from tactuator.experiment.task.task import Planned, Task, TaskPrompt, TaskState
+from tactuator.experiment.trial import Tone, Trial
+from tactuator.parameters import table
+from tactuator.table import Chart, ChartLine, ResultTable
+
+
+@table("[task]")
+class Stronger(Task):
+    finger: str
+    trials: int = 4
+
+    def asked(self, words):
+        return TaskPrompt("Which was stronger?", (("1", ("1",)), ("2", ("2",))), ("1", "2"))
+
+    def fingers_used(self):
+        return (self.finger,)
+
+    def plans(self, words):
+        return (Planned(self.finger, 250.0, "two tones", self.trials),)
+
+    def begin(self, index, place, seed):
+        return StrongerRun(seed, self)
+
+    def response_to(self, trial, felt_db_sl):
+        return "1" if felt_db_sl[0] > felt_db_sl[1] else "2"
+
+    def results(self, runs, words):
+        rows = [(run.subject, str(sum(trial.correct for trial in run.trials))) for run in runs]
+        return (ResultTable("stronger", ("subject", "right"), tuple(rows)),)
+
+    def chart(self, runs, words):
+        return Chart("trial", "right", [ChartLine(run.subject, [0, 1], [0, 1]) for run in runs])
+
+
+@dataclass
+class StrongerRun(TaskState):
+    task: Stronger
+
+    @property
+    def share_done(self):
+        return self.trials / self.task.trials
+
+    def draw(self, number):
+        tones = [(Tone("tone", self.task.finger, 250.0, level),) for level in (20.0, 40.0)]
+        return None if number == self.task.trials else Trial.of(number, tones, ("1", "2"), "2")
+"""
+
+
+def test_foreign_task__from_protocol_to_figure__is_treated_as_ours(install, tmp_path) -> None:
+    install("tactuator.tasks", "stronger", TASK, "Stronger", package="third_laboratory")
+    text = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[session]\npractice_trials = 0\n[task]\nkind = "stronger"\n'
+    text += 'finger = "index"\n[[subject]]\ncode = "S1"\n'
+    protocol, place = parse_protocol(text, StudyProtocol), apparatus()
+    people = simulated_observers(curve("bolanowski-1988"), 1, seed=5)
+    task = task_of(protocol, tmp_path, place)
+    assert (protocol.asks, [run.typical_trials for run in task.runs(0)]) == ("stronger", [4])
+    assert [choice.keys for choice in task.question.choices] == [("1",), ("2",)]
+    with opened_store(tmp_path / "lab.db") as store:
+        run_study(store, protocol, text, place, people, SystemClock())
+        assert export(store, tmp_path / "out", "bids") == 4
+    (told,) = (tmp_path / "out").rglob("*task-stronger_run-01_beh.tsv")
+    assert told.read_text().count("tone:index:250|tone:index:250") == 4
+    found = judged(tmp_path / "lab.db", figures=tmp_path / "figures")
+    assert (found.task, found.runs, found.results[0].rows) == ("stronger", 1, (("S1", "4"),))
+    assert (tmp_path / "figures" / "stronger.svg").exists()
+    with pytest.raises(BadInput, match="has no task of matches"):
+        contours(tmp_path / "lab.db")
