@@ -11,10 +11,10 @@ import pytest
 from tactuator.console import rig_worker
 from tactuator.console.console_rig import ConsoleRig
 from tactuator.console.generator import GeneratorWave
-from tactuator.console.rig_calls import WAITING_MAX, MeasureSettings, RigStatus, WaitingCalls
+from tactuator.console.rig_calls import MeasureSettings, Points, RigStatus
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import Controls, Page
-from tactuator.console.rig_worker import RigWorker, points_of
+from tactuator.console.rig_worker import WAITING_MAX, RigWorker
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.presenter import Halted, Presenter
 from tactuator.experiment.session.task import Apparatus
@@ -220,39 +220,28 @@ def order_of(controller, level_db_sl, frequency_hz=(100.0,), load="none", confid
     return controller, MeasureSettings(level_db_sl, ("index",), load, confidence_db, longest_s, **more)
 
 
-def test_measured__sensor_that_stands_still__has_no_level(controller, tmp_path):
+def test_measured__sensor_that_stands_still__has_no_level(controller):
     rig, (_, settings) = SimulatedRig(controller.display, 3), order_of(controller, 30.0, longest_s=0.5)
     rig.load(controller)
     (response,) = stepped_sine(rig, settings.frequency_hz, settings)
     still = replace(response, amplitude_v=np.zeros(1, dtype=complex))
-    shown = points_of((still,), controller, settings, tmp_path, over=True).document
+    shown = Points.of((still,), controller, settings, over=True).document
     assert json.loads(json.dumps(shown, allow_nan=False))["responses"][0]["level_db_sl"] == [None]
     with pytest.raises(BadInput, match="-60 to 55 dB SL"):  # an amplitude of zero: a page was sent Infinity
         stepped_sine(rig, [100.0], replace(settings, level_db_sl=-(2.0**63)))
 
 
-def test_orders__beyond_the_limit__are_refused_but_those_that_end_are_taken(controller):
-    press, rest, silence = ("press", ("index", 0.1)), ("rest", ()), ("generate", (None,))
-    waited = ("present", (3, ())), ("rest", (2,)), ("quit", ())
-    plain = press, ("live", ())
-    for call in (*plain, silence, rest, *waited):
-        waiting = WaitingCalls()
-        assert [waiting.put(press) for _ in range(WAITING_MAX)] == [""] * WAITING_MAX
-        said = waiting.put(call)
-        if call in waited:
-            assert (said, bool(waiting.put(rest))) == ("", True)
-        held = list(iter(waiting.get_nowait, None))
-        if call in plain:
-            assert (held, "allowed" in said, waiting.put(call)) == ([press] * WAITING_MAX, True, "")
-        elif call in waited:
-            assert held == [call, rest]
-        else:  # it takes the place of all that were before it
-            assert (held, f"{WAITING_MAX} orders" in said) == ([call], True)
+def test_orders__beyond_the_limit__are_refused_but_those_that_end_something_or_are_waited_for(controller):
     sent = []
     worker = RigWorker("simulated", controller.display, 1, lambda name, *_: sent.append(name))
-    for _ in range(WAITING_MAX + 3):
+    for _ in range(WAITING_MAX + 2):
         worker.call("press", "index", 0.1)
-    assert sent == ["take_refusal"] * 3
+    assert sent == ["take_refusal"] * 2
+    for call in (("generate", None), ("rest",), ("rest", 2), ("present", 3, ()), ("quit",)):
+        worker.call(*call)
+    assert sent == ["take_refusal"] * 2
+    worker.run()
+    assert sent.count("take_presented") >= 2
 
 
 @pytest.fixture
@@ -297,8 +286,14 @@ def test_console_rig__halted_in_a_trial_or_before_it__is_at_rest_and_plays_the_n
     assert time.monotonic() - began < 9.0  # of ten seconds that would have been played
     assert host.status.mode == "idle"
     assert len(rig.play(wave(50))) == 50
-    host.worker._halt.set()  # as by an order to rest that is still under way
-    assert len(rig.play(wave(400))) == 0
+
+    def ended_at_once(*call):
+        host.worker.call(*call)
+        host.worker.call("rest")
+
+    host.call = ended_at_once
+    assert len(rig.play(wave(4000))) < 4000
+    host.call = host.worker.call
     rig.rest()
     assert len(rig.play(wave(50))) == 50
 

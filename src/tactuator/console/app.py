@@ -43,12 +43,14 @@ def build_console(
     study = None if session is None else StudyAtRig(pages, session, state)
 
     @asynccontextmanager
-    async def ended(app: FastAPI) -> AsyncIterator[None]:
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        if session is not None:
+            session.listen()
         yield
         if study is not None:
             await study.end()
 
-    app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=ended)
+    app = FastAPI(title="tactuator console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
     rig_served = None if session is None else lambda socket, at=session: RigConnection(socket, at, apart).serve()
     _add_connection(app, "/ws/rig", token, rig_served)
     add_study_pages(app, pages, token)

@@ -1,25 +1,27 @@
-"""Calls of the process that holds the rig, in turn, and what it tells of the rig."""
+"""What passes between the server and the process that holds the rig."""
 
 from __future__ import annotations
 
-import queue
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field
 
+from tactuator.arrays import FloatArray
 from tactuator.console.fields import PageSetting
 from tactuator.console.generator import GeneratorWave, Hertz
-from tactuator.errors import BadInput
+from tactuator.io.response import responses_csv
+from tactuator.measure.error import ResponseLevels
 from tactuator.measure.options import MeasurementOptions
+from tactuator.model.controller import Controller
+from tactuator.plain import picked
 from tactuator.rig.rig import Trace
+from tactuator.signals.record import Response
+from tactuator.synthesis.felt import felt_db_sl
 
 Mode = Literal["idle", "live", "measuring", "presenting", "fault", "gone"]
-Call = tuple[str, tuple[Any, ...]]
-"""Name of a method of RigWorker, and its arguments."""
-QUIT: Call = ("quit", ())
-WAITING_MAX = 1000
-"""Calls that may wait, while a measurement goes on for instance; a page makes less than a hundred a second."""
+_ERRORS = ("error_db", "error_jnd", "model_db", "unpredicted_db")
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,26 @@ class Points:
     csv: str
     over: bool = False
 
+    @classmethod
+    def of(cls, responses: tuple[Response, ...], controller: Controller, settings: MeasureSettings, over: bool) -> Self:
+        """Return what a page shows of responses, and the file that `measure --out response.csv` would write of them."""
+        levels = [ResponseLevels.of(response, controller) for response in responses]
+        channels = [controller.display.channel(response.channel) for response in responses]
+        shown = [
+            {
+                **picked(response, "channel", "load", asked_db_sl="level_db_sl"),
+                **{name: getattr(response, name).tolist() for name in ("frequency_hz", "saturated", "reached")},
+                **{name: _finite(values) for name, values in picked(level, *_ERRORS, level_db_sl="felt_db_sl").items()},
+                "worst_first": level.worst_first,
+                "confidence_db": _finite(response.confidence_db),
+                "noise_db_sl": _finite(felt_db_sl(channel, response.noise_v, response.frequency_hz)),
+                "within": _within(response, level),
+            }
+            for response, level, channel in zip(responses, levels, channels, strict=True)
+        ]
+        done = len(responses[0].frequency_hz) if responses else 0
+        return cls({"responses": shown}, done, len(settings.frequency_hz), responses_csv(responses), over)
+
 
 @dataclass(frozen=True, eq=False)
 class Presented:
@@ -81,47 +103,11 @@ class Presented:
     missed: bool = False
 
 
-class WaitingCalls:
-    """Calls in turn, put in by other threads than the one that obeys them."""
-
-    def __init__(self) -> None:
-        self._queue: queue.SimpleQueue[Call] = queue.SimpleQueue()
-
-    def put(self, call: Call) -> str:
-        """Let a call wait its turn, and return a message about it; empty as a rule.
-
-        Where too many wait, another is refused. A call that ends something takes the place of those before it instead,
-        and one that an experiment waits for is taken in any case.
-        """
-        warning = ""
-        if self._queue.qsize() >= WAITING_MAX and not _is_awaited(call):
-            if call not in (("rest", ()), ("generate", (None,))):
-                return str(BadInput(f"{WAITING_MAX} orders wait for the rig", "another once they are done"))
-            warning = f"{self._forget()} orders that waited for the rig are dropped, because something is to end"
-        self._queue.put(call)
-        return warning
-
-    def get(self) -> Call:
-        """Return the next call, as soon as there is one."""
-        return self._queue.get()
-
-    def get_nowait(self) -> Call | None:
-        """Return the next call, or None where none waits."""
-        try:
-            return self._queue.get_nowait()
-        except queue.Empty:
-            return None
-
-    def _forget(self) -> int:
-        """Drop what waits, but for what an experiment waits for; return how many calls that were."""
-        waited = list(iter(self.get_nowait, None))
-        kept = [call for call in waited if _is_awaited(call)]
-        for call in kept:
-            self._queue.put(call)
-        return len(waited) - len(kept)
+def _within(response: Response, levels: ResponseLevels) -> str:
+    greatest, (low, high) = np.max(np.abs(levels.error_db)), np.sort(response.frequency_hz)[[0, -1]]
+    return f"felt within {greatest:.2f} dB of {response.level_db_sl:g} dB SL from {low:.4g} to {high:.4g} Hz"
 
 
-def _is_awaited(call: Call) -> bool:
-    """Return whether an experiment waits for the call's end (a rest with a number), or the process ends with it."""
-    name, arguments = call
-    return name in ("present", "quit") or (name == "rest" and arguments != ())
+def _finite(values: FloatArray) -> list[float | None]:
+    """Return numbers as JSON has them: None for a level of nothing (a sensor that stands still) or no confidence."""
+    return [float(value) if np.isfinite(value) else None for value in values]

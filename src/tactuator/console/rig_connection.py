@@ -39,18 +39,6 @@ _OPTIONS = ("level_db_sl", "load", "confidence_db", "longest_s", "mains_hz")
 _RECORD_COLUMNS = "time_s,reference,command_v,position_v"
 
 
-def _listen(session: RigSession) -> None:
-    """Pass what the rig's process reports, on another thread, on to the pages."""
-    loop, controls = asyncio.get_running_loop(), session.controls
-
-    def on_loop(function: Any, *arguments: Any) -> None:
-        with suppress(RuntimeError):  # the server has ended, and with it the loop
-            loop.call_soon_threadsafe(function, *arguments)
-
-    session.rig.changed = lambda: on_loop(controls.tell_all)
-    session.rig.refused = lambda text: on_loop(controls.tell_refusal, text)
-
-
 class RigConnection(Page):
     """A page that is connected to the rig. apart: where a controller is designed."""
 
@@ -64,7 +52,6 @@ class RigConnection(Page):
 
     async def serve(self) -> None:
         """Serve the page until it goes; if it had the controls, the generator goes silent."""
-        _listen(self.session)
         self.controls.enter(self)
         try:
             requests = serve_requests(self._socket, bound(REQUESTS, self), self.session.uploads)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,17 @@ class RigSession:
         self._controller: Controller | None = None
         self.named = {"name": "", "curve": ""}
         self.measurement: dict[str, Any] = {"number": 0}
+
+    def listen(self) -> None:
+        """Pass what the rig's process reports, on another thread, on to the pages of this loop."""
+        loop = asyncio.get_running_loop()
+
+        def on_loop(function: Any, *arguments: Any) -> None:
+            with suppress(RuntimeError):  # the server has ended, and with it the loop
+                loop.call_soon_threadsafe(function, *arguments)
+
+        self.rig.changed = lambda: on_loop(self.controls.tell_all)
+        self.rig.refused = lambda text: on_loop(self.controls.tell_refusal, text)
 
     def about(self) -> dict[str, Any]:
         """Return what a page has to know of the rig and its display."""

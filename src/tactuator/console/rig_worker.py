@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import queue
 import signal
@@ -11,31 +12,18 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.console.generator import Generator, GeneratorWave
-from tactuator.console.rig_calls import (
-    QUIT,
-    Call,
-    MeasureSettings,
-    Mode,
-    Points,
-    Presented,
-    RigStatus,
-    WaitingCalls,
-)
+from tactuator.console.rig_calls import MeasureSettings, Mode, Points, Presented, RigStatus
 from tactuator.errors import BadInput, DeviceFault, TactuatorError, TimingMissed
-from tactuator.io.response import write_responses
-from tactuator.measure.error import ResponseLevels, as_read
+from tactuator.measure.error import as_read
 from tactuator.measure.response import stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
-from tactuator.plain import picked
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig, Trace, touch_all
@@ -44,8 +32,11 @@ from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardGone
 from tactuator.rig.transport import LinkDown
 from tactuator.signals.record import Response
-from tactuator.synthesis.felt import felt_db_sl
 
+Call = tuple[int, str, tuple[Any, ...]]
+"""Number, name of a method of RigWorker, and its arguments."""
+WAITING_MAX = 1000
+"""Calls that may wait, while a measurement goes on for instance; a page makes less than a hundred a second."""
 BLOCK_S = 0.02
 """Length of the generator's blocks: an order waits at most that long for the next one."""
 _GUARD_S = 0.5
@@ -54,7 +45,6 @@ _PATIENCE_S = 5.0
 _LAST_S = 1.0
 _WHILE_LIVE = ("generate", "touch", "press")
 """Calls that are served while samples flow."""
-_ERRORS = ("error_db", "error_jnd", "model_db", "unpredicted_db")
 
 
 def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
@@ -86,8 +76,10 @@ class RigWorker:
 
     def __init__(self, spec: str, display: Display, seed: int, tell: Callable[..., None]) -> None:
         self._spec, self._display, self._seed, self._tell = spec, display, seed, tell
-        self._calls = WaitingCalls()
-        self._halt = threading.Event()
+        self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
+        self._numbers = itertools.count(1)
+        self._obeyed = self._ending = 0
+        """Numbers of the call that is being obeyed, and of the newest one that ends all before it."""
         self._generator = Generator(display, np.random.default_rng(seed))
         self._status = RigStatus(press_v={channel.name: 0.0 for channel in display.channels})
         self._rig: Rig | None = None
@@ -96,25 +88,42 @@ class RigWorker:
         self._after: Call | None = None
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Take a call of a method, from any thread; what ends a measurement ends it at once."""
+        """Take a call of a method, from any thread. Where many wait another is refused, unless it ends something or an
+        experiment waits for it.
+        """
+        number = next(self._numbers)
         if name in ("rest", "quit"):
-            self._halt.set()
-        if warning := self._calls.put((name, arguments)):
-            self._tell("take_refusal", warning)
+            self._ending = number
+        elif self._calls.qsize() >= WAITING_MAX and name != "present" and (name, arguments) != ("generate", (None,)):
+            refusal = BadInput(f"{WAITING_MAX} orders wait for the rig", "another once they are done")
+            self._tell("take_refusal", str(refusal))
+            return
+        self._calls.put((number, name, arguments))
 
     def run(self) -> None:
         """Open the rig and obey until the call to quit; then leave the rig at rest."""
         self._guarded(self._open)
         try:
-            while (call := self._after or self._calls.get()) != QUIT:
+            while True:
+                self._obeyed, name, arguments = self._after or self._calls.get()
                 self._after = None
-                self._obey(call)
+                if name == "quit":
+                    return
+                self._guarded(partial(getattr(self, name), *arguments))
         finally:
             self._let_go()
 
-    def _obey(self, call: Call) -> None:
-        name, arguments = call
-        self._guarded(partial(getattr(self, name), *arguments))
+    def _watched(self, traces: Iterable[Trace]) -> Iterator[Trace]:
+        """Yield traces as they come. Raises RigHalted as soon as a later call ends the one that is being obeyed, before
+        anything begins as well.
+        """
+        source = iter(traces)
+        while self._obeyed > self._ending:
+            trace = next(source, None)
+            if trace is None:
+                return
+            yield trace
+        raise RigHalted
 
     def _guarded(self, job: Callable[[], None]) -> None:
         try:
@@ -130,13 +139,10 @@ class RigWorker:
             self._let_go()
             self._end_as("gone", str(error))
             if isinstance(error, CardGone):  # PortAudio finds a card again in another process alone
-                self._calls.put(QUIT)
-        except TactuatorError as error:
-            self._rest()
-            self._end_as("fault", str(error))
+                self.call("quit")
         except Exception as error:
             self._rest()
-            self._end_as("fault", f"{type(error).__name__}: {error}")
+            self._end_as("fault", _words(error))
 
     def _end_as(self, mode: Mode, fault: str = "") -> None:
         self._say(mode=mode, fault=fault, guard=self._guard() if mode in ("idle", "fault") else {})
@@ -148,7 +154,6 @@ class RigWorker:
 
     def rest(self, number: int | None = None) -> None:
         """End what goes on, and bring the rig to rest; the end is reported with the number, if one is given."""
-        self._halt.clear()
         self._rest()
         if self._rig is not None:
             self._end_as("idle")
@@ -182,7 +187,6 @@ class RigWorker:
         if not self._status.loaded:
             raise BadInput("no controller is loaded", "load one before playing a reference")
         self._load_again()
-        self._halt.clear()
         self._say(mode="live", fault="")
         looked = self._status.given_back
         self._allow_gaps(True)
@@ -223,9 +227,11 @@ class RigWorker:
     def _take_calls(self) -> None:
         """Do what can be done while samples flow; anything else ends that, once the generator is silent."""
         while self._after is None:
-            if (call := self._calls.get_nowait()) is None:
+            try:
+                call = self._calls.get_nowait()
+            except queue.Empty:
                 return
-            name, arguments = call
+            _, name, arguments = call
             if name in _WHILE_LIVE:
                 try:
                     getattr(self, name)(*arguments)
@@ -271,8 +277,10 @@ class RigWorker:
         self._status = replace(self._status, given_back=self._status.given_back + len(rows))
 
     def present(self, number: int, blocks: tuple[FloatArray, ...]) -> None:
-        """Play blocks of reference (n, channels), threshold units, as one stream, for an experiment; a halt that was
-        ordered before it began counts.
+        """Play blocks of reference (n, channels), threshold units, as one stream, for an experiment.
+
+        Each trace is reported with the rig's own count of rows, and the end in every case, with the reason where it was
+        not the last row: that the rig was halted, or its fault.
         """
         if self._rig is None:
             fault = str(DeviceFault("the rig has gone", "open it again"))
@@ -280,14 +288,28 @@ class RigWorker:
             return
         self._load_again()
         self._say(mode="presenting", fault="")
-        tell = partial(self._tell, "take_presented")
-        for trace in presented(self._rig, number, blocks, self._halt.is_set, tell):
-            self._tell_samples(trace)
+        rig = self._rig
+
+        def report(trace: Trace | None = None, **end: Any) -> None:
+            played = None if rig.began_at is None else rig.rows_played
+            self._tell("take_presented", Presented(number, trace, rig.began_at, played, **end))
+
+        try:
+            for trace in self._watched(rig.stream(blocks)):
+                report(trace)
+                self._tell_samples(trace)
+        except RigHalted:
+            self._rest()
+            report(over=True, halted=True)
+        except Exception as error:
+            report(over=True, fault=_words(error), missed=isinstance(error, TimingMissed))
+            raise
+        else:
+            report(over=True)
         self._end_as("idle")
 
     def measure(self, controller: Controller, settings: MeasureSettings) -> None:
         """Measure the response, as `measure` does, at the rig opened anew; tell it point by point."""
-        self._halt.clear()
         self.reopen()
         assert self._opened is not None
         self._say(mode="measuring", fault="")
@@ -296,17 +318,15 @@ class RigWorker:
             touch_all(self._opened, self._display.channels, settings.load)
             self.load(controller)
             self._say(mode="measuring")
-            with TemporaryDirectory() as folder:
 
-                def tell(responses: tuple[Response, ...], over: bool = False) -> None:
-                    nonlocal measured_so_far
-                    measured_so_far = responses
-                    read = tuple(as_read(each, controller, settings.confidence_db) for each in responses)
-                    self._tell("take_points", points_of(read, controller, settings, Path(folder), over))
+            def report(responses: tuple[Response, ...], over: bool = False) -> None:
+                nonlocal measured_so_far
+                measured_so_far = responses
+                read = tuple(as_read(each, controller, settings.confidence_db) for each in responses)
+                self._tell("take_points", Points.of(read, controller, settings, over))
 
-                watch = partial(watched, halted=self._halt.is_set)
-                stepped_sine(self._opened, np.array(settings.frequency_hz), settings, so_far=tell, watch=watch)
-                tell(measured_so_far, over=True)
+            stepped_sine(self._opened, np.array(settings.frequency_hz), settings, so_far=report, watch=self._watched)
+            report(measured_so_far, over=True)
         except RigHalted:
             self._rest()
         self._end_as("idle")
@@ -344,7 +364,7 @@ class Sender:
     """Sends through `pipe` in a thread of its own: a slow server holds nothing up, and no sample is dropped."""
 
     def __init__(self, pipe: Connection) -> None:
-        self._waiting: queue.SimpleQueue[Call | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[str, tuple[Any, ...]] | None] = queue.SimpleQueue()
         self._pipe = pipe
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
@@ -364,84 +384,9 @@ class Sender:
                 self._pipe.send(call)
 
 
+def _words(error: Exception) -> str:
+    return str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}"
+
+
 class RigHalted(Exception):
     """Raised where what goes on at the rig is to stop."""
-
-
-def watched(traces: Iterable[Trace], halted: Callable[[], bool]) -> Iterator[Trace]:
-    """Yield traces as they come. Raises RigHalted as soon as `halted` says so, before anything begins as well."""
-    source = iter(traces)
-    while not halted():
-        trace = next(source, None)
-        if trace is None:
-            return
-        yield trace
-    raise RigHalted
-
-
-def presented(
-    rig: Rig,
-    number: int,
-    blocks: tuple[FloatArray, ...],
-    halted: Callable[[], bool],
-    tell: Callable[[Presented], None],
-) -> Iterator[Trace]:
-    """Play blocks as one stream, tell each trace with the rig's own count of rows, and yield it.
-
-    The end is reported in every case, with the reason where it was not the last row: that the rig was halted, or its
-    fault, which is then raised.
-    """
-
-    def say(trace: Trace | None, **end: Any) -> None:
-        played = None if rig.began_at is None else rig.rows_played
-        tell(Presented(number, trace, rig.began_at, played, **end))
-
-    try:
-        for trace in watched(rig.stream(blocks), halted):
-            say(trace)
-            yield trace
-    except RigHalted:
-        rig.rest()
-        say(None, over=True, halted=True)
-    except TactuatorError as error:
-        say(None, over=True, fault=str(error), missed=isinstance(error, TimingMissed))
-        raise
-    except Exception as error:
-        say(None, over=True, fault=f"{type(error).__name__}: {error}")
-        raise
-    else:
-        say(None, over=True)
-
-
-def points_of(
-    responses: tuple[Response, ...], controller: Controller, settings: MeasureSettings, folder: Path, over: bool
-) -> Points:
-    """Return what a page shows of a measurement, and the file that `measure --out response.csv` would write of it."""
-    path = folder / "response.csv"
-    write_responses(path, responses)
-    levels = [ResponseLevels.of(response, controller) for response in responses]
-    channels = [controller.display.channel(response.channel) for response in responses]
-    shown = [
-        {
-            **picked(response, "channel", "load", asked_db_sl="level_db_sl"),
-            **{name: getattr(response, name).tolist() for name in ("frequency_hz", "saturated", "reached")},
-            **{name: _finite(values) for name, values in picked(level, *_ERRORS, level_db_sl="felt_db_sl").items()},
-            "worst_first": level.worst_first,
-            "confidence_db": _finite(response.confidence_db),
-            "noise_db_sl": _finite(felt_db_sl(channel, response.noise_v, response.frequency_hz)),
-            "within": _within(response, level),
-        }
-        for response, level, channel in zip(responses, levels, channels, strict=True)
-    ]
-    done = len(responses[0].frequency_hz) if responses else 0
-    return Points({"responses": shown}, done, len(settings.frequency_hz), path.read_text("utf-8"), over)
-
-
-def _within(response: Response, levels: ResponseLevels) -> str:
-    greatest, (low, high) = np.max(np.abs(levels.error_db)), np.sort(response.frequency_hz)[[0, -1]]
-    return f"felt within {greatest:.2f} dB of {response.level_db_sl:g} dB SL from {low:.4g} to {high:.4g} Hz"
-
-
-def _finite(values: FloatArray) -> list[float | None]:
-    """Return numbers as JSON has them: None for a level of nothing (a sensor that stands still) or no confidence."""
-    return [float(value) if np.isfinite(value) else None for value in values]

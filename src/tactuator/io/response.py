@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,7 @@ def write_responses(path: str | Path, responses: Sequence[Response]) -> None:
     check_response_path(path)
     with atomic_path(path) as beside:
         if Path(path).suffix.lower() == ".csv":
-            _write_csv(beside, responses)
+            beside.write_text(responses_csv(responses), encoding="utf-8", newline="")
         else:
             _write_hdf5(beside, responses)
 
@@ -67,15 +68,17 @@ def _write_hdf5(path: Path, responses: Sequence[Response]) -> None:
                 group[name].attrs["unit"] = unit
 
 
-def _write_csv(path: Path, responses: Sequence[Response]) -> None:
+def responses_csv(responses: Sequence[Response]) -> str:
+    """Return responses as CSV, one row for each point."""
     columns = ["frequency_hz", "magnitude_v", "phase_rad", "latency_s", *list(_ARRAYS)[2:]]
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*_HEAD, *columns])
-        for response in responses:
-            head = [getattr(response, name) for name in _HEAD]
-            for k in range(response.frequency_hz.size):
-                writer.writerow([*head, *(f"{float(getattr(response, name)[k]):.9g}" for name in columns)])
+    written = io.StringIO(newline="")
+    writer = csv.writer(written, lineterminator="\n")
+    writer.writerow([*_HEAD, *columns])
+    for response in responses:
+        head = [getattr(response, name) for name in _HEAD]
+        for k in range(response.frequency_hz.size):
+            writer.writerow([*head, *(f"{float(getattr(response, name)[k]):.9g}" for name in columns)])
+    return written.getvalue()
 
 
 def read_responses(path: str | Path) -> tuple[Response, ...]:
