@@ -20,9 +20,10 @@ from tactuator.signals.multisine import multisine, odd_lines
 STAYS = 0.3
 """A weight has settled once its mean over 0.1 s stays this near to that over the end of the play; a third of a weight
 is felt as 0.8 dB at most."""
-_PLAYED_S, _LAST_S, _PIECE_S = 3.0, 1.0, 0.02
-_SMOOTHED = 5
+_PLAYED_S, _LAST_S, _PIECE_S, _SMOOTHED = 3.0, 1.0, 0.02, 5
+"""Of the play: its length, the end that is averaged, and pieces between two looks; five of them are 0.1 s."""
 _BAND_HZ, _LINES = (5.0, 250.0), 16
+"""What tells a mass from a spring: lines on both sides of where they balance, some 9 Hz."""
 
 
 @runtime_checkable
@@ -87,8 +88,11 @@ def _learnt(channel: str, weights: FloatArray, waits: bool) -> Learnt:
 
 
 LANDS_S, LIFTED_S, _ENDS_S = 1.0, 2.0, 3.0
+"""When the finger lands and is lifted, and when the play ends."""
 _WINDOW_S, _STEP_S = 0.1, 0.005
+"""Windows in which what is felt is averaged, and from one to the next."""
 _TONES_HZ = (3.0, 9.0, 27.0, 85.0, 250.0)
+"""Over the band, each three times the one before."""
 
 
 @dataclass(frozen=True, eq=False)

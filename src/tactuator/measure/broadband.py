@@ -27,10 +27,11 @@ from tactuator.signals.spectra import frequency_response, mean_over_frequency, n
 from tactuator.signals.systems import ContinuousSystem
 
 PERIOD_S = 4.0
+"""Lines 0.25 Hz apart: a mode of Q 30 at 50 Hz has seven within its width."""
 _BEYOND = 1.6
 """The command reaches so far beyond the band, that modes beside it show."""
-_CREST_ROUNDS = 30
-_OFF_MAINS_HZ = 1.0
+_CREST_ROUNDS, _OFF_MAINS_HZ = 30, 1.0
+"""Rounds of clipping for a low crest factor; distance of every line from mains, hertz."""
 _MEAN = 9
 """Lines (2 Hz) over which errors and departures are averaged."""
 
@@ -110,8 +111,11 @@ class Level:
 
 
 _FIRST_SHARE, _STEP, _TRIES = 0.01, 4.0, 6
+"""The first level, of the range, the greatest step from one to the next, and steps: four reach the range."""
 _WANTED_DB, _LEAST_DB = 30.0, 3.0
+"""Above the noise: for errors of 0.3 dB in a line, and from where on an answer counts as one."""
 _TRAVEL_SHARE, _RANGE_SHARE, _INPUT_SHARE = 0.4, 0.8, 0.5
+"""What a record may take of travel, command and input: a crest factor and a resonance are left room."""
 
 
 def find_level(rig: Rig, channel: Channel, wave: Multisine, input_range_v: float) -> Level:
@@ -157,11 +161,16 @@ def _require_own(rig: Rig, name: str, heard: Heard, level_db: float) -> None:
 
 FORMS = ((5, 5), (3, 3), (7, 7), (4, 4))
 """Poles and zeros that are tried: a mode, its high-pass, and another mode or two, as acceleration or displacement."""
-_FOLLOWS_DB = 0.4
+_FOLLOWS_DB, _HELD_DB = 0.4, 0.3
+"""Departure from fresh noise at which a model follows, and of the held plant from its own: of a tolerance of 1 dB."""
 _POINTS, _SHARP = 90, 0.06
+"""Points of a plant of levels, and how much denser they are where the levels turn, for a median turn."""
 _LINES, _SLOW_SHARE = 240, 0.2
-_FAR, _FALLS_OFF, _HELD_DB = 10.0, 4.0, 0.3
+"""Lines given to a fit, even in log frequency; share of the band's lower edge below which a zero is at rest."""
+_FAR, _FALLS_OFF = 10.0, 4.0
+"""Of the band's upper edge: where nothing was heard, and where a plant that does not fall off is made to."""
 _MARGIN_S = 0.01
+"""What is left of an answer's delay for the fit: no mechanism answers later than 10 ms by itself."""
 
 
 @dataclass(frozen=True, eq=False)

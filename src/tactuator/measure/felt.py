@@ -30,13 +30,15 @@ from tactuator.signals.decibels import db
 from tactuator.signals.excitation import raised_ends
 from tactuator.signals.spectra import Band, SlidingWindow, third_octave_bands
 
-LONG_FRAME_S, SHORT_FRAME_S = 0.5, 0.1
-LONG_UP_TO_HZ = 40.0
+LONG_FRAME_S, SHORT_FRAME_S, LONG_UP_TO_HZ = 0.5, 0.1, 40.0
+"""Seconds of a frame in bands up to 40 Hz and above it: the first holds a period of 2 Hz."""
 EDGE = 0.1
 """Width of a band's raised-cosine edges, of its bandwidth; the squares of neighbours add up to one."""
 
 CHUNK_S, MARGIN_S = 12.0, 2.0
+"""Seconds of a stream that are transformed at once, and before and after them: a band 0.46 Hz wide rings for 2 s."""
 ENVELOPE_RATE_HZ = 160.0
+"""More than twice the width of the widest band, of whose envelope the square is taken."""
 ENVELOPE = round(ENVELOPE_RATE_HZ * (CHUNK_S + 2.0 * MARGIN_S))
 """Samples of a chunk's envelope."""
 

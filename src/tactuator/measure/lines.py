@@ -143,10 +143,11 @@ def reference_on(rig: Plays, columns: Sequence[int], watch: Watch = iter) -> Pla
 
 
 _HARMONICS = 3
+"""Of a tone, the fundamental among them: friction shows in the third."""
 _FEWEST_BLOCKS = 8
 """Blocks for a half-width: Student's t of 14 degrees of freedom is within a tenth of that of any number."""
-_SETTLE_S, _SETTLE_PERIODS = 0.5, 1.25
-_BLOCK_S = 0.25
+_SETTLE_S, _SETTLE_PERIODS, _BLOCK_S = 0.5, 1.25, 0.25
+"""A loop settles in half a second, a low tone in little more than a period; a block lasts so long at least."""
 _HUM_HZ = 420.0
 """Multiples of mains up to here are kept out of a tone: the seventh of 60 Hz, above the band."""
 

@@ -43,7 +43,7 @@ from tactuator.synthesis.felt import beside_friction
 from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
 
 _QUIET_BAND = (0.25, 0.45)
-"""Of the rate: where the density of the noise is read."""
+"""Of the rate: where the density of the noise is read, above hum and motion."""
 _SEEN = 4.0
 """A line counts from this many standard errors on."""
 

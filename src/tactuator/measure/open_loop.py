@@ -27,7 +27,9 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 
 RANGE_SHARE, TRAVEL_SHARE = 0.9, 0.9
+"""What a tone in the usable band takes of command and travel: 0.9 dB are left for the model's error."""
 _GRID = 600
+"""Frequencies at which the reach is looked at: 1 % apart over 500 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +83,8 @@ def usable_band(
     return UsableBand((float(frequency[first]), float(frequency[last])), level_db_sl, frequency, reach, ends)
 
 
-_LINES, _CREST = 48, 3.5
-_LIMIT_SHARE = 0.9
+_LINES, _CREST, _LIMIT_SHARE = 48, 3.5, 0.9
+"""Lines over the band, a ninth of an octave apart from 10 to 400 Hz; peak of many over their rms; share of a limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,11 +172,15 @@ def _groups(controller: Controller, name: str, lines: FloatArray, level_db_sl: f
 
 
 KEPT_PERIODS, FRESH_PERIODS = 5, 2
+"""Periods of a record, and of the fresh noise that a model is held against."""
 _ERRORS_DB = (0.3, 0.5, 0.7)
+"""Errors allowed of an equaliser, one after the other: of a tolerance of 1 dB, the rest is the model's."""
 _MARGIN = 0.7
+"""Of the tolerance: a flatness below it is not corrected."""
 _WRONG = 0.01
 """Relative error to which a correction is followed: a tenth of the tolerance."""
 _ROUNDS = 2
+"""Corrections at most: each takes a measurement of the whole band."""
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ from tactuator.errors import BadInput
 from tactuator.perception.curve import check_level
 
 MAINS_HZ = 60.0
-"""Frequency of mains; 0 where there is none."""
+"""Frequency of mains, hertz, as in the paper; 0 where there is none."""
 METHODS = ("stepped", "multisine")
 LISTENED_S = 8.0
 """Seconds of rest over which hum and noise are measured."""
 PROBED_GAINS = (2.0, 4.0, 8.0, 16.0, 32.0)
 """The paper's proportional controllers, volts of command per volt of y."""
 REJECTION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
+"""Frequencies of a force, hertz: from a slow press to where a loop rejects no more."""
 EXCURSION_MM = 1.0
 """What each force of a disturbance would move without the loop."""
 FINGER_LEVEL_DB_SL = 24.0

@@ -86,7 +86,7 @@ def multisine_response(
 
 
 _SWEPT_S, _SWEPT_DB_SL, _CREST_DB = 4.0, 40.0, 9.0
-"""Period, level of all lines together, and the greatest crest factor that 60 rounds of clipping leave."""
+"""Period, level of all lines together, and what is left for the crest factor."""
 
 
 def swept_responses(

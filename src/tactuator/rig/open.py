@@ -18,6 +18,7 @@ from tactuator.rig.transport import SCHEME, InProcess, SerialPort, Transport, co
 RIGS = "tactuator.rigs"
 """The group of the entry points."""
 _SERIAL_ANSWER_S = 1.0
+"""A port is fast, or it is dead: half of what a network is given."""
 
 
 def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:

@@ -12,13 +12,13 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.reference import ReferenceFile
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import COMFORT_TOLERANCE, Rig
 from tactuator.signals.decibels import from_db
 
 BLOCK_S = 0.05
+"""A wish is heard between two blocks: later by 50 ms is as at once for a person who presses a key."""
 RAMP_S = 0.1
-COMFORT_TOLERANCE = 1.001
-"""Float32 rounding of a reference at the limit."""
+"""A pause and a stop fade so long, which makes no click."""
 
 Wish = Literal["run", "pause", "stop"]
 

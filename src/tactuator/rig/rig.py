@@ -20,6 +20,8 @@ from tactuator.model.description import Channel, Display
 from tactuator.plain import brief
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
 
+COMFORT_TOLERANCE = 1.001
+"""Float32 rounding of a reference at the limit."""
 Feeler = Callable[[NDArray[np.float64]], None]
 
 

@@ -15,11 +15,14 @@ from tactuator.runtime._core import ffi, lib
 BAUD = 2_000_000
 """Three channels at 4 kHz need 1.5 million with their trace (docs/porting.md). USB does not care."""
 _UART_POLL_S = 0.02
+"""Longest wait of one read of a port, so that its end is noticed."""
 SCHEME = "socket://"
-_OPEN_TIMEOUT_S, _SEND_TIMEOUT_S = 5.0, 5.0
-_RECEIVE_BYTES = 1 << 16
+_TIMEOUT_S = 5.0
+"""Seconds for a socket to open, or to take what is sent: a network that is slower carries no stream."""
+_MOST_BYTES = 1 << 16
+"""Bytes taken at once: sixteen of the longest frames."""
 _BUFFER_ROWS = 4096
-_ANSWER_BYTES = 1 << 16
+"""Rows of stream and trace of the board in this process: a second at 4 kHz, a power of two as the core wants it."""
 
 
 class LinkDown(DeviceFault):
@@ -56,7 +59,7 @@ class InProcess:
         self._trace = ffi.new("int32_t[]", _BUFFER_ROWS * channels * 2)
         self._force = ffi.new("float[]", _BUFFER_ROWS * channels)
         self._felt = ffi.new("float[]", _BUFFER_ROWS * channels)
-        self._answers = ffi.new("uint8_t[]", _ANSWER_BYTES)
+        self._answers = ffi.new("uint8_t[]", _MOST_BYTES)
         lib.tact_board_reset(self.board, channels, self._stream, _BUFFER_ROWS, self._trace, _BUFFER_ROWS)
         lib.tact_simulated_board_reset(self.simulated, self._force, self._felt)
         lib.tact_link_reset(self.link, self.board, name.encode())
@@ -67,7 +70,7 @@ class InProcess:
     def send(self, content: bytes) -> None:
         """Hand all bytes to the board, which acts on them at once."""
         self._let_run()
-        size = lib.tact_link_serve(self.link, ffi.from_buffer(content), len(content), self._answers, _ANSWER_BYTES)
+        size = lib.tact_link_serve(self.link, ffi.from_buffer(content), len(content), self._answers, _MOST_BYTES)
         self._waiting += bytes(ffi.buffer(self._answers, size))
 
     def receive(self, timeout_s: float) -> bytes:
@@ -141,7 +144,7 @@ class SocketLink:
 
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
-        self._socket.settimeout(_SEND_TIMEOUT_S)
+        self._socket.settimeout(_TIMEOUT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, content: bytes) -> None:
@@ -157,7 +160,7 @@ class SocketLink:
             readable, _, _ = select.select([self._socket], [], [], timeout_s)
             if not readable:
                 return b""
-            content = self._socket.recv(_RECEIVE_BYTES)
+            content = self._socket.recv(_MOST_BYTES)
         except (OSError, ValueError) as error:
             raise _down(str(error)) from None
         if not content:
@@ -178,7 +181,7 @@ def connect(url: str) -> SocketLink:
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
         raise BadInput(f"port {url!r} cannot be opened", "socket://host:port, with a port from 1 to 65535")
     try:
-        return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _OPEN_TIMEOUT_S))
+        return SocketLink(socket.create_connection((host.strip("[]"), int(port)), _TIMEOUT_S))
     except OSError as error:
         raise LinkDown(f"port {url!r} cannot be opened ({error})", "one where a board listens") from None
 

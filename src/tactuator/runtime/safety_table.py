@@ -16,7 +16,7 @@ from tactuator.runtime.image import delta_coefficients_single, sealed
 
 NEVER = 1.0e6
 """A limit in volts that no sensor reaches."""
-NEVER_TICKS = 1 << 20
+NEVER_TICKS: int = lib.TACT_SAFETY_NEVER
 """A time that does not come."""
 
 

@@ -119,6 +119,7 @@ def _zeros(rows: FloatArray) -> tuple[ComplexArray, float]:
 
 
 _MATCH_HZ = 10.0
+"""Where a section at another rate has the gain of the first: in the band, far below every rate."""
 
 
 def at_rate(controller: Controller, rate_hz: float) -> Controller:
@@ -175,6 +176,7 @@ MOST_BITS = 44
 
 _HZ = np.geomspace(0.1, 300.0, 120)
 _TOLERANCE_DB = 0.1
+"""As ERROR_MAX_DB of float32_check."""
 
 Needed = dict[str, dict[str, dict[float, "BitsNeeded"]]]
 """By filter, form and rate."""

@@ -18,10 +18,10 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.wordlength.bits import is_stable, rows_response
 from tactuator.wordlength.roundoff import double_step, felt_db_sl, roundoff_reference, run_loop, single_step
 
-ERROR_MAX_DB = 0.1
-FELT_MAX_DB_SL = -6.0
-_TEST_LEVEL = 30.0
-_OF_LIMIT = 0.9
+ERROR_MAX_DB, FELT_MAX_DB_SL = 0.1, -6.0
+"""What float32 may change |H| by, a sixteenth of a just-noticeable difference, and what may be felt of it."""
+_TEST_LEVEL, _OF_LIMIT = 30.0, 0.9
+"""Threshold units of the tone and of its constant; share of the command's limit that they may take."""
 
 
 @dataclass(frozen=True)

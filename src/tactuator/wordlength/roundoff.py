@@ -24,7 +24,9 @@ Step = Callable[[float, float], float]
 """Reference (threshold units) and position (V) of a sample to its command (V)."""
 
 _SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
+"""Seconds until a run and its silence have settled, and seconds then looked at."""
 _TONE_HZ = 37.0
+"""No divisor of a usual rate, so that no two periods round alike."""
 
 
 def single_step(controller: ChannelController, rate_hz: float) -> Step:

@@ -27,17 +27,25 @@ from tactuator.signals.discretise import discretise
 from tactuator.synthesis.prefilter import weighting_sections
 
 LATENESS_MAX = 0.25
-SILENCE_S: float = 0.2
+"""Share of a period by which an interrupt may be late (docs/safety.md)."""
+SILENCE_S = 0.2
+"""Time without a word from the host until it counts as gone."""
 SOFT_START_S, FADE_S, RAMP_S, QUICK_S = 0.1, 0.05, 0.05, 0.04
+"""Two ramps in, one of the reference and one of the command out; the quick one ends what is too loud."""
 COMFORT_TOLERANCE_DB = 1.0
+"""Above comfort, where the guard ends a run (docs/safety.md)."""
 LIFTED_DB = 0.7
 """Below comfort, for the reference: 0.5 dB for a finger that is taken off at the worst moment, and 0.2 dB so that one
 that presses meanwhile does not bring the loudest reference to the limit of the travel (docs/safety.md)."""
 ADAPTIVE_DB = 3.0
 """Below that, where a finger is fed forward: what weights that are still a finger's add when it is lifted."""
 OBSERVER_RAD_S = 125.0
+"""Poles of the guard's observer: 20 Hz, so that it follows a finger that presses."""
 FROZEN_S, FROZEN_MOST_S, FROZEN_CHANCE = 0.0125, 0.05, 1e-12
+"""Seconds of one code that are a frozen sensor, at least and at most; chance of it by noise."""
 STOP_SHARE, OPEN_SHARE, DISAGREEMENT_SHARE = 0.85, 1.15, 0.14
+"""Of the travel: where the motor would come to rest, what no reading reaches, how far off the model may be (a finger's
+force of 1.9 V: docs/safety.md)."""
 REVERSAL_NOISES = 400.0
 """A finger that presses moves the sensor against the motor, too: at 8 a tenth of a volt's worth of it was taken for a
 reversed sensor."""
@@ -55,6 +63,7 @@ TRAVEL_HZ, TRAVEL_SHARE = 8.0, 0.55
 TRAVEL_NEVER = 1e5
 """Threshold units: no slow part is limited."""
 LOCK_S, LOCK_FAULTS = 1.0, 3
+"""A sensor or travel fault is cleared after a second; after three of them a person has to look."""
 _NOWHERE = StateObserver(0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -44,8 +44,11 @@ SENSOR_FAULTS = (
 STREAM_LEAD_S = 0.25
 """Time by which a stream is fed ahead of what is played; a pause or a stop comes later by as much."""
 _RECOVERY_S = 0.25
+"""After it the guard believes a sensor again."""
 _SETTLE_TRIES, _PROMPT_TRIES = 2000, 100
+"""Looks until a board must be at rest, 2 ms apart, 4 s; one that waits needs no pause between the first hundred."""
 _BLOCK_LEAD_S = 0.5
+"""A block by itself is fed as far ahead as its stretch allows: nobody stops it."""
 _WAITING_LEAD_S = 0.6 * SILENCE_S
 """A board that waits for its stream does so before the link's silence is a fault, however slow the host is."""
 

@@ -24,9 +24,11 @@ _REQUEST_ROWS = 128
 _FIRST_ROWS = 64
 """Few, so that they are there in time; what follows has the lead of them."""
 _START_ATTEMPTS = 6
+"""Each leaves twice the time of the one before: the last 32 times the first."""
 _READ_ROWS = 100
-_STATUS_POLL_S = 0.004
-_RUN_POLL_S = 0.002
+"""Rows for which the trace of a board whose time goes on is worth a request: 25 ms at 4 kHz."""
+_POLL_S = 0.004
+"""Pause between two looks at a board: 16 ticks at 4 kHz, in which its trace cannot overflow."""
 _IDLE_READS = 1000
 """Reads without a row, one after another, from a board that waits for its rows: it has none to wait for."""
 TONES_MAX: int = lib.TACT_TONES_MAX
@@ -131,7 +133,7 @@ class BoardStream:
         for attempt in range(_START_ATTEMPTS):
             there = self._look()
             while self._tick < there < self._tick + start:
-                self._sleep(_STATUS_POLL_S)
+                self._sleep(_POLL_S)
                 there = self._look()
             self.first = self._got = self.end = max(there, self._tick + (start << attempt))
             taken = self._ask_to_take(self._rows[:_FIRST_ROWS])
@@ -150,7 +152,7 @@ class BoardStream:
         last = not len(self._rows) and self._tick >= self.end
         worth = 0 if self._waits or last else _READ_ROWS
         if self._tick - self._got < worth:
-            self._sleep(_STATUS_POLL_S)
+            self._sleep(_POLL_S)
             self._look()
             return None
         felt = anybody_feels(self._fingers)
@@ -279,7 +281,7 @@ def read_run(
         if status.mode is not Mode.RUNNING or status.run != run:
             raise BadInput("the board plays this run no more", "one that nobody else uses")
         if status.tick <= got:
-            sleep(_RUN_POLL_S)
+            sleep(_POLL_S)
             continue
         part = client.trace(run, got, first + count - got, channels, felt)
         if part.felt_mm is not None:

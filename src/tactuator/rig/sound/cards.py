@@ -256,7 +256,9 @@ def sound_name(spec: str) -> tuple[str, float | None]:
 
 
 LEAST_RATE_HZ = 1000.0
+"""No card has less; above it a quarter of the rate holds a band."""
 BURSTS, BURST_S = 5, 1.0
+"""Bursts of noise of a second each, looked at in halves: ten delays, whose spread shows a clock that jumps."""
 _SURE = 0.5
 """Least correlation of what comes back with what was put out."""
 _UNHEARD = (

@@ -19,7 +19,7 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.requirements import SoundCard
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.rig.rig import Rig, Trace, join_traces
+from tactuator.rig.rig import COMFORT_TOLERANCE, Rig, Trace, join_traces
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
@@ -30,13 +30,16 @@ from tactuator.signals.systems import ContinuousSystem
 CLIPPED = 0.9999
 """Share of full scale from which an input counts as clipped: the top code of 16 bits is above it."""
 SOFT_S = 0.02
+"""A command of a drive is faded in so long: a step would ring in every mode."""
 PATIENT_S = 4.0
+"""How far an unattended measurement is fed ahead: the designs and transforms between two blocks take less."""
 TRIES = 8
 """Where two runs in three have a gap, on a busy machine, one stretch in 26 fails; of three tries, one in 3 would."""
 RING_S = 4.0 * PATIENT_S
 """Length of the rings: what is taken in may wait for the program four times as long as it is fed ahead."""
-_ROUNDING = 1.001
 _RING_S, _RING_DB, _FADE_S = 0.5, -80.0, 0.02
+"""A controller dies away for half a second at most, to 80 dB below its loudest, and its end is faded: below threshold
+for what begins at comfort, 55 dB SL."""
 _SLOWEST = 0.5
 """Share of the band's lower edge below which a sensor of velocity or acceleration does not tell of displacement."""
 Flags = NDArray[np.bool_]
@@ -319,7 +322,7 @@ class OpenLoop:
         Raises BadInput for a reference beyond comfort, or beyond a channel's travel by the display's model.
         """
         peak = float(np.max(np.abs(reference), initial=0.0))
-        if peak > _ROUNDING * float(from_db(self._comfort_db_sl)):
+        if peak > COMFORT_TOLERANCE * float(from_db(self._comfort_db_sl)):
             raise BadInput(
                 f"the reference reaches {float(db(peak)):.1f} dB SL", f"comfort, {self._comfort_db_sl:g} dB SL"
             )
@@ -337,7 +340,7 @@ class OpenLoop:
         for k, sections in enumerate(cascade[1:], start=1):
             moved, states[k] = scipy.signal.sosfilt(sections, moved, zi=states[k])
         reach = float(np.max(np.abs(moved), initial=0.0))
-        if reach > _ROUNDING * channel.travel_mm:
+        if reach > COMFORT_TOLERANCE * channel.travel_mm:
             raise BadInput(
                 f"channel {channel.name!r}: the reference moves it by {reach:.3g} mm by the display's model",
                 f"its travel, {channel.travel_mm:g} mm",

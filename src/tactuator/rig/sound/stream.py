@@ -17,7 +17,9 @@ from tactuator.runtime._core import ffi, lib
 
 Rows = NDArray[np.float32]
 _NEVER = 2**64 - 1
+"""The core's frame number for what has not happened."""
 _DYING_S = 5e-3
+"""Time constant by which a stopped output dies away: within 20 ms it is 35 dB lower, without a click."""
 POLL_S = 0.01
 """Pause between two looks at the rings."""
 SILENT_S = 1.0
