@@ -5,42 +5,35 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import ComplexArray
 from tactuator.errors import BadInput
 from tactuator.identification import trust
 from tactuator.identification.check import valid_range
-from tactuator.identification.fit import Data, fit, no_form, propose_starts
+from tactuator.identification.data import Data
+from tactuator.identification.fit import SpectralEstimate, fit, propose_starts
 from tactuator.identification.fitted import Fitted, trust_table
 from tactuator.identification.fixed_values import FixedAgainstOwn, beside_free, exact
-from tactuator.identification.form import (
-    Form,
-    Known,
-    free_poles,
-    is_stable,
-    numerator_polynomial,
-    numerator_weights,
-    sections_of,
-    stages_of,
-)
-from tactuator.identification.likelihood import SpectralFit, SpectralProblem, information
+from tactuator.identification.form import Known, is_stable
+from tactuator.identification.hold import Hold
+from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import LocalResponse
+from tactuator.identification.magnitudes import Magnitudes
 from tactuator.identification.options import Fixed, IdentifyOptions, solvable
-from tactuator.identification.search import Choice, best_few, propose, pruned
-from tactuator.identification.starts import Starter
-from tactuator.identification.uncertainty import left_over, log_slopes, other_forms, physical
+from tactuator.identification.search import Choice, propose
+from tactuator.identification.uncertainty import left_over, other_forms, physical
 from tactuator.model.plant_model import DB, Z95, Excess, PlantModel
 from tactuator.model.plausibility import response_doubts
 from tactuator.processors import single_threaded
 from tactuator.result import Fact, ResultTable
 from tactuator.signals.record import FrequencyResponse
 
-_STEPS, _FEW_STEPS = 40, 10
-"""Steps of a descent that is to end, and of one that only ranks forms."""
+_HOLD: tuple[Hold, ...] = ("band-limited",)
+_FEW_STEPS = 10
+"""Steps of a descent that only ranks forms."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,13 +131,33 @@ def _off(fit: SpectralFit | PlantModel, given: FrequencyResponse) -> ComplexArra
     return np.asarray(np.log(fit.response(given.frequency_hz) / given.value()))
 
 
+def _data(given: FrequencyResponse) -> Data:
+    """Return the points with the power of their errors; the rate says how long a dead time may be."""
+    value = given.value()
+    # the error of a phase is as large as that of the magnitude, and adds as much power
+    variance, ones = 2.0 * (given.deviation * given.magnitude) ** 2, np.ones(value.size)
+    local, rate_hz = (
+        LocalResponse(given.frequency_hz, value, variance, variance, ones, ones),
+        4.0 * given.frequency_hz[-1],
+    )
+    if given.phase_rad is None:
+        return Data(local, rate_hz, weight=1.0 / (given.deviation * given.magnitude), kind=Magnitudes)
+    return Data(local, rate_hz, weight=local.weight)
+
+
+def _known(given: FrequencyResponse, options: IdentifyOptions) -> Known:
+    """Return what is known beforehand; where magnitudes alone have to tell, without a form asked for."""
+    known = options.known(1.0)
+    return known if given.phase_rad is not None else replace(known, poles=None, zeros=None)
+
+
 def _beginning(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> list[SpectralFit]:
     """Return fits of all forms, best first, that leave half the equations to tell the noise by."""
-    local, rate_hz, scale = _prepared(given)
-    fits = propose(local, rate_hz, scale, ("band-limited",), _free(given, options), note)["band-limited"]
+    data = _data(given)
+    fits = propose(data, _HOLD, _known(given, options).without_values, note)["band-limited"]
     fits = [fit for fit in fits if fit.form.count < given.magnitude.size]
-    problem = _problem(given)
-    return [problem.sized(fit, _FEW_STEPS) for fit in fits] if isinstance(problem, _Magnitudes) else fits
+    problem = data.problem(data.scale_rad_s, "band-limited")
+    return [problem.sized(fit, _FEW_STEPS) for fit in fits] if isinstance(problem, Magnitudes) else fits
 
 
 _OUT, _MOST_OUT = 40.0, 0.1
@@ -171,7 +184,8 @@ def _astray(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> tuple[NDAr
     def criterion(cost: float, fit: SpectralFit, out: int) -> float:
         return parts * points * float(np.log(max(cost, 1e-300))) + price * (fit.form.count + parts * out)
 
-    problem = replace(_problem(given), stable=True)
+    data = _data(given)
+    problem = data.problem(data.scale_rad_s, "band-limited", stable=True)
     trials = [(fit, *_trimmed(problem, given, fit, int(_MOST_OUT * points))) for fit in fits]
     scores = [criterion(cost, fit, int(out.sum())) for fit, cost, out in trials]
     usual = [fit for fit in fits if is_stable(fit.theta, fit.form)]
@@ -245,151 +259,41 @@ def _with_own_noise(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> Fr
     return replace(given, deviation=more * given.deviation, remarks=(*given.remarks, said))
 
 
-def _prepared(given: FrequencyResponse) -> tuple[LocalResponse, float, float]:
-    """Return the points with the power of their errors, a rate that says how long a dead time may be, and the scale of
-    time.
-    """
-    value = given.value()
-    # the error of a phase is as large as that of the magnitude, and adds as much power
-    variance, ones = 2.0 * (given.deviation * given.magnitude) ** 2, np.ones(value.size)
-    local = LocalResponse(given.frequency_hz, value, variance, variance, ones, ones)
-    return local, 4.0 * float(given.frequency_hz[-1]), 2.0 * np.pi * float(np.exp(np.mean(np.log(given.frequency_hz))))
-
-
-def _free(given: FrequencyResponse, options: IdentifyOptions) -> Known:
-    """Return what is known without fixed values, and where magnitudes alone have to tell, without a form asked for."""
-    known = options.known(1.0).without_values
-    return known if given.phase_rad is not None else replace(known, poles=None, zeros=None)
-
-
 def _identify_response(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> ResponseFit:
-    if given.phase_rad is None:
-        return _of_magnitudes(given, options, note)
-    local, rate_hz, _ = _prepared(given)
-    data, known = Data(local, rate_hz, weight=_problem(given).weight), options.known(1.0)
-    estimate = fit(data, propose_starts(data, ("band-limited",), known.without_values, note), known, note)
-    found = _described(given, estimate.chosen, local, options)
-    if estimate.free is None:
+    data, asked = _data(given), options.known(1.0)
+
+    def estimate_of(known: Known) -> SpectralEstimate:
+        return fit(data, propose_starts(data, _HOLD, known.without_values, note), known, note)
+
+    estimate = estimate_of(_known(given, options))
+    found = _described(given, estimate.chosen, data.local, options)
+    if estimate.free is not None:
+        alone = _described(given, estimate.free.chosen, data.local, options).model
+        fixed = options.gain_and_poles
+        beside: ResponseFit = beside_free(found, alone, fixed, estimate.chosen, [estimate.free.chosen])
+        return beside
+    form, problem = estimate.chosen.fit.form, estimate.chosen.problem
+    if asked.allows(form):
         return found
-    free = estimate.free.chosen
-    alone = _described(given, free, local, options).model
-    beside: ResponseFit = beside_free(found, alone, options.gain_and_poles, estimate.chosen, [free])
-    return beside
-
-
-def _of_magnitudes(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> ResponseFit:
-    """Return the model of magnitudes without phase: what they show by themselves, in the form asked for if they can."""
-    local, rate_hz, scale = _prepared(given)
-    known, problem = options.known(1.0), _problem(given)
-    assert isinstance(problem, _Magnitudes)
-
-    def best_of(wanted: Known) -> Choice:
-        fits = propose(local, rate_hz, scale, ("band-limited",), wanted, note)["band-limited"]
-        if not fits:
-            raise no_form()
-        begun = {fit.form: problem.sized(fit) for fit in best_few(fits)}
-        return Choice("band-limited", pruned(problem, begun, wanted), begun, problem)
-
-    free = best_of(_free(given, options))
-    free_fit = _described(given, free, local, options)
-    if known.allows(free.fit.form):
-        return free_fit
-    bound = best_of(known)
-    form, better = free.fit.form, free.criterion(free.fit) < bound.criterion(bound.fit)
-    zeros = form.zeros if known.zeros is None else known.zeros
-    poles = known.poles or max(form.poles, zeros)
-    if better and poles >= form.poles and zeros >= form.zeros:
-        more = problem.sized(problem.shown(free.fit, replace(form, poles=poles, zeros=zeros))[0], 0)
-        padded = _described(given, replace(free, fit=more, fits={**free.fits, more.form: more}), local, options)
+    # magnitudes that show another form than that asked for
+    assert isinstance(problem, Magnitudes)
+    zeros = form.zeros if asked.zeros is None else asked.zeros
+    poles = asked.poles or max(form.poles, zeros)
+    if poles >= form.poles and zeros >= form.zeros:
+        more = problem.shown(estimate.chosen.fit, replace(form, poles=poles, zeros=zeros))[0]
+        choice = replace(estimate.chosen, fit=more, fits={**estimate.chosen.fits, more.form: more})
         remark = f"by itself it shows {form.poles} poles and {form.zeros} zeros: more lie where nothing shows"
+        padded = _described(given, choice, data.local, options)
         return replace(padded, remarks=(*padded.remarks, remark))
-    beside: ResponseFit = beside_free(_described(given, bound, local, options), free_fit.model, (), bound, [free])
-    return beside
-
-
-def _problem(given: FrequencyResponse) -> SpectralProblem:
-    """Return the problem of a response; where it has no phase, descents begin with the one that is computed."""
-    local, rate_hz, scale = _prepared(given)
-    problem = Starter(local, rate_hz, "band-limited", scale).problem
-    if given.phase_rad is not None:
-        return problem
-    return _Magnitudes(problem.given, 1.0 / (given.deviation * given.magnitude), problem.grid, with_transient=False)
-
-
-_REACH = 30.0
-"""How far beyond the ends of the magnitudes poles and zeros may lie, over them: farther off nothing shows where."""
-_UNKNOWN = 3.0
-"""Deviation of the logarithm of a section's coefficient of which nothing is seen."""
-
-
-class _Magnitudes(SpectralProblem):
-    """A response of which the magnitudes alone are known, weighted by their logarithms' errors: fits of least phase.
-
-    A magnitude follows the square of a slow pole, so one at zero would never leave it. No pole or zero lies far beyond
-    the ends, or rings so long that points as far apart as these do not show it.
-    """
-
-    def descend(self, form: Form, theta: FloatArray, delay: float, **limits: Any) -> SpectralFit | None:
-        """Return the fit to the magnitudes, begun with the numerator of the complex response."""
-        begun = super().descend(form, theta, delay, most=0)
-        return None if begun is None else self.sized(begun, limits["most"])
-
-    def sized(self, begun: SpectralFit, most: int = _STEPS) -> SpectralFit:
-        """Return the fit after Levenberg and Marquardt's descent on the logarithm of the magnitudes."""
-        (fit, rest), damping, first = self.shown(begun, begun.form), 1e-3, begun.numerator.size
-        slopes = self._slopes(fit)
-        for _ in range(most):
-            size = np.linalg.norm(slopes, axis=0) + 1e-300
-            gram, downhill = (slopes / size).T @ (slopes / size), (slopes / size).T @ rest
-            for _ in range(8):
-                step = np.linalg.solve(gram + damping * np.eye(size.size), downhill) / size
-                theta = fit.theta * np.exp(np.clip(step[first:], -2.0, 2.0))
-                trial, ahead = self.shown(replace(fit, numerator=fit.numerator + step[:first], theta=theta), fit.form)
-                if float(ahead @ ahead) < float(rest @ rest):
-                    break
-                damping *= 5.0
-            if not float(rest @ rest - ahead @ ahead) > 1e-6:
-                break
-            fit, rest, slopes, damping = trial, ahead, self._slopes(trial), max(damping / 10.0, 1e-9)
-        fit = replace(fit, cost=0.5 * float(rest @ rest))
-        unknown = np.diag(np.repeat([0.0, 1.0 / _UNKNOWN], [first, fit.theta.size]))
-        root = np.linalg.pinv(np.concatenate([slopes, unknown])) * np.append(np.ones(first), fit.theta)[:, None]
-        self.informed[fit] = root @ root.T
-        return fit
-
-    def shown(self, fit: SpectralFit, form: Form) -> tuple[SpectralFit, FloatArray]:
-        """Return the fit in that form, its poles and zeros moved to where the points show them, those that it lacks far
-        off, and what it leaves of the magnitudes' logarithms in their errors, (m,).
-        """
-        zeros = np.roots(numerator_polynomial(fit.stages, fit.numerator, fit.form)[: fit.form.numerators])
-        pairs = (zeros, form.numerators - 1), (free_poles(fit.theta, fit.form), form.free)
-        above, below = (self._within(np.append(roots, np.full(count - roots.size, -np.inf))) for roots, count in pairs)
-        theta = sections_of(below)
-        stages = stages_of(theta, form)
-        numerator = numerator_weights(stages, np.atleast_1d(np.poly(above)).real, form)
-        fit = replace(fit, form=form, theta=theta, stages=stages, numerator=numerator)
-        weight = np.abs(self.weight * self.given.goal)
-        rest = np.log(np.abs(self.given.goal / fit.response(self.grid.frequency_hz)))
-        gain = np.average(rest, weights=weight**2)
-        return replace(fit, numerator=np.exp(gain) * numerator), (rest - gain) * weight
-
-    def _slopes(self, fit: SpectralFit) -> FloatArray:
-        """Return the magnitudes' derivatives by (numerator, logarithm of theta) in their errors, (m, k)."""
-        slopes = log_slopes(fit, self.grid.frequency_hz).real * np.append(np.ones(fit.numerator.size), fit.theta)
-        return np.asarray(slopes * np.abs(self.weight * self.given.goal)[:, None])
-
-    def _within(self, roots: ComplexArray) -> ComplexArray:
-        """Return roots of the left half plane, (n,), in reach of the points, that ring no longer than these show."""
-        hertz, to_hz = self.grid.frequency_hz, self.grid.scale_rad_s / (2.0 * np.pi)
-        size = np.clip(np.abs(roots), hertz[0] / to_hz / _REACH, hertz[-1] / to_hz * _REACH)
-        least = np.interp(size * to_hz, hertz, np.gradient(hertz)) / self.grid.scale_rad_s
-        decay = np.maximum(np.abs(np.cos(np.angle(roots))) * size, least)
-        turn = np.sqrt(np.maximum(size**2 - decay**2, 0.0)) * np.sign(roots.imag)
-        return np.asarray(np.where(roots.imag == 0.0, -size, -decay + 1j * turn))
+    bound = estimate_of(asked).chosen
+    other: ResponseFit = beside_free(
+        _described(given, bound, data.local, options), found.model, (), bound, [estimate.chosen]
+    )
+    return other
 
 
 def _described(given: FrequencyResponse, choice: Choice, local: LocalResponse, options: IdentifyOptions) -> ResponseFit:
-    fit, covariance = choice.fit, information(choice.problem, choice.fit)
+    fit, covariance = choice.fit, choice.problem.covariance_of(choice.fit)
     response = fit.response(given.frequency_hz)
     off_db = 20.0 * np.log10(np.abs(response) / given.magnitude)
     departure = float(np.mean((off_db / (DB * given.deviation)) ** 2))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, within
-from tactuator.identification.fit import Signals
+from tactuator.identification.data import Signals
 from tactuator.identification.lines import HIGHEST, Spectrum
 from tactuator.identification.options import IdentifyOptions
 from tactuator.identification.trust import AGAINST, BAND_DB, BAND_DEG, CLIPPED, COHERENT, INTEGRATOR

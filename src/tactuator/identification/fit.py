@@ -15,9 +15,10 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
+from tactuator.identification.data import Data, Signals, local_of, spectra_read_late
 from tactuator.identification.form import Known, is_stable
 from tactuator.identification.hold import Hold
-from tactuator.identification.likelihood import SpectralFit, SpectralProblem
+from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import (
     HIGHEST,
     Equations,
@@ -26,21 +27,14 @@ from tactuator.identification.lines import (
     Spectrum,
     band_edges,
     equations_of,
-    join_local,
-    local_response,
-    points,
-    spectrum,
     weights,
 )
-from tactuator.identification.residual import Residual, joint_misfit, mean_power, record_residual
+from tactuator.identification.residual import Residual, choice_of_model, joint_misfit, record_residual
 from tactuator.identification.search import Choice, choose, propose, simplest
 from tactuator.identification.uncertainty import indistinct
 
 Starts = dict[Hold, list[SpectralFit]]
 """Fits to the response, best first, of each hold in the order in which one is taken if the data cannot tell."""
-Signals = Sequence[tuple[FloatArray, FloatArray]]
-"""Command and position, (n,) each, of every record."""
-
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
 _CERTAIN_IN_LOOP = 36.0
@@ -52,17 +46,6 @@ _FAR = 300.0
 _BANDS, _FREE = 60, 1.6
 """Bands in which a residual is held against the command, and what they follow it by, on the mean, from which on no hold
 is told: 1.46 at most where the form was right, 1.75 at least beside half-order parts."""
-_LATE = 100
-"""Dead time, samples, from which on its turning of the phase spoils a local response that does not know of it."""
-_STANDS_OUT = 4.0
-"""Tenth of an impulse response's peak over its median, from which on its beginning can be seen."""
-_SILENT = 1e-6
-"""Power of the command's lines, over their median, below which the response is not looked at."""
-_NOTHING = 1e-10
-"""The same over the strongest line: there is rounding and leakage alone."""
-_BLIND = 1e6
-"""How much less sure a response may be than its command's power allows, over the surest: between sines, where the
-command's lines are as smooth as a transient, it is 1e10 and more, at the slow end of a chirp 4e4, in noise 4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,68 +83,9 @@ class SpectralEstimate:
         return self.data.spectra
 
 
-@dataclass(frozen=True, eq=False)
-class Data:
-    """What a model is fitted to: a response, or the records that show one.
-
-    local: frequencies, values and their variance. signals, spectra: samples and lines of each record (none of a
-    response by itself).
-    weight: one over the deviation of each value, where it is known; of a record the residual tells it. late_s: about
-    how much later than the command the position begins to answer.
-    """
-
-    local: LocalResponse
-    rate_hz: float
-    signals: Signals = ()
-    spectra: tuple[Spectrum, ...] = ()
-    weight: FloatArray | None = None
-    late_s: float = 0.0
-
-    @cached_property
-    def given(self) -> Equations | JoinedEquations:
-        """Return the equations of a fit."""
-        if self.weight is not None:
-            return points(self.local.frequency_hz, self.local.value, self.rate_hz)
-        return equations_of(self.spectra)
-
-    def with_commands(self, signals: Signals) -> Data:
-        """Return the data of the same positions under other commands."""
-        spectra = tuple(was.under(command) for was, (command, _) in zip(self.spectra, signals, strict=True))
-        return replace(self, signals=signals, spectra=spectra, local=_local(spectra, self.rate_hz))
-
-    def read_later(self, starts: Starts) -> Data:
-        """Return the data with the positions read as much later as the dead time that the starts show, but a sample.
-
-        What was commanded before the record began is unknown for as long as the dead time.
-        """
-        if self.weight is not None:
-            return self
-        late = max(int(fits[0].delay_s * self.rate_hz + 1e-3) - 1 for fits in starts.values())
-        shift = max(min(late, *(command.size // 4 for command, _ in self.signals)), 0)
-        if shift == self.spectra[0].shift:
-            return self
-        spectra = tuple(spectrum(*pair, self.rate_hz, shift) for pair in self.signals)
-        is_far = abs(shift - self.spectra[0].shift) > _LATE
-        return replace(self, spectra=spectra, local=_local(spectra, self.rate_hz) if is_far else self.local)
-
-
-def response_of(signals: Signals, rate_hz: float) -> Data:
-    """Return the response that records show by themselves, and their lines."""
-    whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    arrival = _arrival(whole[0])
-    taken = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
-    return Data(_local(taken, rate_hz), rate_hz, signals, taken, late_s=arrival / rate_hz)
-
-
-def response_of_periods(local: LocalResponse, signals: Signals, rate_hz: float) -> Data:
-    """Return a response at single lines that no transient disturbs, its variance known, of records with such lines."""
-    taken = tuple(spectrum(command, position, rate_hz) for command, position in signals)
-    return Data(local, rate_hz, signals, taken, weight=1.0 / np.sqrt(local.variance))
-
-
 def glance(data: Data, starts: Starts, known: Known) -> SpectralEstimate:
     """Return the better of the two most likely forms alone, whatever values are known: enough to see friction by."""
-    tried = [choose(data.given, starts[hold], hold, known.without_values, quick=True) for hold in starts]
+    tried = [choose(data, starts[hold], hold, known.without_values, quick=True) for hold in starts]
     trials = [_tried(choice, data) for choice in tried]
     return replace(_decided(trials, tuple(starts), data), trials=tuple(trials))
 
@@ -228,47 +152,19 @@ def _searched(
     seen: _Trial | None,
 ) -> _Trial:
     """Return the best choice under one hold, after a glance alone if that is far behind what was `found` before."""
-    given, weight = data.given, data.weight
     if found:
-        seen = seen or _tried(choose(given, proposals, hold, known, quick=True, weight=weight), data)
+        seen = seen or _tried(choose(data, proposals, hold, known, quick=True), data)
         if seen.evidence > found[0].evidence + _FAR and found[0].fits:
             return seen
     begun = None if seen is None else seen.choice
-    best = _tried(choose(given, proposals, hold, known, begun=begun, weight=weight), data)
+    best = _tried(choose(data, proposals, hold, known, begun=begun), data)
     behind = bool(found) and best.evidence > found[0].evidence + _enough(best, found[0])
     if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
         return best
     # in a loop a model that is not causal takes the noise in the command for an answer
     mirrored = [replace(fit, theta=np.abs(fit.theta)) for fit in (best.choice.fit, *proposals)]
-    stable = _tried(choose(given, mirrored, hold, known, weight=weight, stable=True), data)
+    stable = _tried(choose(data, mirrored, hold, known, stable=True), data)
     return stable if stable.evidence < best.evidence + CERTAIN else best
-
-
-def _arrival(taken: Spectrum) -> int:
-    """Return about how many samples pass before the position answers the command: when the impulse response that the
-    lines show by themselves first rises to a tenth of its greatest; 0 where it does not stand out of the noise.
-    """
-    power = np.abs(taken.command) ** 2
-    lines = np.conj(taken.command) * taken.position / (power + 0.01 * float(np.max(mean_power(power))))
-    impulse = np.abs(np.fft.irfft(lines, taken.samples))[: taken.samples // 4]
-    tenth = 0.1 * float(np.max(impulse))
-    if not tenth > _STANDS_OUT * float(np.median(impulse)):
-        return 0
-    return max(int(0.9 * float(np.argmax(impulse > tenth))) - 10, 0)
-
-
-def _local(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
-    """Return the records' own response where their command has power. Raises BadInput where that is nearly nowhere."""
-    local = join_local([local_response(spectrum_, HIGHEST * rate_hz) for spectrum_ in taken])
-    if local.frequency_hz.size < 4:
-        raise BadInput(
-            f"the record shows its response at {local.frequency_hz.size} frequencies",
-            "4 or more (a longer record, or a command with more lines)",
-        )
-    blindness = local.blindness
-    local = local.at(blindness <= max(_BLIND * float(np.min(blindness)), float(np.sort(blindness)[3])))
-    power = local.excitation
-    return local.at(power > max(_SILENT * float(np.median(power)), _NOTHING * float(np.max(power))))
 
 
 def propose_starts(
@@ -281,9 +177,7 @@ def propose_starts(
     """Return the fits to the response under every hold to start from; free: the estimate without the values that are
     known. Raises BadInput where a hold has none.
     """
-    scale = 2.0 * np.pi * float(np.exp(np.mean(np.log(data.local.frequency_hz))))
-    near = {} if free is None else {hold: tuple(fits) for hold, fits in _fits_of(free).items()}
-    starts = propose(data.local, data.rate_hz, scale, holds, known, note, data.late_s, near)
+    starts = propose(data, holds, known, note, {} if free is None else _fits_of(free))
     if not all(starts[hold] for hold in holds):
         raise no_form()
     return starts
@@ -423,17 +317,13 @@ def fit_to_reference(estimated: SpectralEstimate, references: Sequence[FloatArra
 
 
 def estimate_of_model(fit: SpectralFit, signals: Signals) -> SpectralEstimate:
-    """Return what a model is on records that it was not fitted to: their lines, weighted by what it leaves of them."""
-    rate_hz, shift = fit.grid.rate_hz, max(int(fit.delay_s * fit.grid.rate_hz + 1e-3) - 1, 0)
-    taken = tuple(spectrum(*pair, rate_hz, min(shift, pair[0].size // 4)) for pair in signals)
-    given = equations_of(taken)
-    grid = replace(fit.grid, frequency_hz=given.frequency_hz, shift=given.shift)
-    highest = HIGHEST * rate_hz
-    flat = SpectralProblem(given, np.where(given.of_hz <= highest, 1.0, 0.0), grid)
-    problem = replace(flat, weight=weights(given, flat.residual(fit), highest))
-    choice = Choice(fit.grid.hold, replace(fit, grid=grid), {}, problem)
-    choice.fits[fit.form] = choice.fit
-    data = Data(_local(taken, rate_hz), rate_hz, signals, taken)
+    """Return what a model is on records that it was not fitted to."""
+    rate_hz = fit.grid.rate_hz
+    taken = spectra_read_late(signals, rate_hz, fit.delay_s)
+    choice, data = (
+        choice_of_model(fit, taken, HIGHEST * rate_hz),
+        Data(local_of(taken, rate_hz), rate_hz, signals, taken),
+    )
     return SpectralEstimate(choice, None, True, np.inf, CERTAIN, data, record_residual(choice, taken))
 
 

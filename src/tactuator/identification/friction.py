@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.data import Signals
 from tactuator.identification.fit import (
-    Signals,
     SpectralEstimate,
     fit,
     glance,

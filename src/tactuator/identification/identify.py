@@ -10,8 +10,9 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.identification.alignment import align
 from tactuator.identification.check import Prepared, check
+from tactuator.identification.data import response_of, response_of_periods
 from tactuator.identification.distortion import distortion_of_periods
-from tactuator.identification.fit import fit, fit_to_reference, glance, propose_starts, response_of, response_of_periods
+from tactuator.identification.fit import fit, fit_to_reference, glance, propose_starts
 from tactuator.identification.friction import fit_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.judge import identification, judge
@@ -61,7 +62,7 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     else:
         data = response_of_periods(distortion.local, common.signals, common.rate_hz)
     starts = propose_starts(data, holds, known.without_values, note)
-    data = data.read_later(starts)
+    data = data.read_later(max(fits[0].delay_s for fits in starts.values()))
     friction = first = None
     if options.friction and distortion is None and common.references is None:
         first = glance(data, starts, known)

@@ -18,19 +18,21 @@ from tactuator.identification.check import (
     moved_range,
     valid_range,
 )
+from tactuator.identification.data import Signals
 from tactuator.identification.distortion import Distortion
-from tactuator.identification.fit import REMAINS, Signals, SpectralEstimate
+from tactuator.identification.fit import REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
 from tactuator.identification.friction import BENT, FrictionFit, ruled_by_friction
-from tactuator.identification.likelihood import SpectralFit, information
+from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.nonlinear import distortion_left
 from tactuator.identification.residual import (
     Residual,
     along_record,
     check_record_residual,
+    choice_of_model,
     feedback_seen,
     fit_percent,
-    residual_of_record,
+    record_residual,
 )
 from tactuator.identification.residual_tests import CHANCE, ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
@@ -74,8 +76,9 @@ def identification(
     the records' likelihood is greatest there.
     """
     chosen, other, to_position = estimate.chosen, None, common.scale[1]
-    residuals = estimate.residuals or tuple(
-        residual_of_record(chosen.fit, taken, 0.5 * taken.rate_hz) for taken in estimate.spectra
+    spectra = estimate.spectra
+    residuals = estimate.residuals or record_residual(
+        choice_of_model(chosen.fit, spectra, 0.5 * common.rate_hz), spectra
     )
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
@@ -183,7 +186,7 @@ def _model(
     friction_fit: FrictionFit | None = None,
 ) -> PlantModel:
     fit = choice.fit
-    covariance = information(choice.problem, fit)
+    covariance = choice.problem.covariance_of(fit)
     if friction_fit is not None:
         covariance = covariance * BENT
         if choice is estimate.chosen:
@@ -248,7 +251,7 @@ def _tests(
 def _slow_pole_error(choice: Choice) -> float:
     """Return the standard error of the slowest pole's real part, rad/s, to first order."""
     fit = choice.fit
-    covariance = information(choice.problem, fit)
+    covariance = choice.problem.covariance_of(fit)
     first = fit.numerator.size
     block = covariance[first : first + fit.theta.size, first : first + fit.theta.size]
     gradient = np.zeros(fit.theta.size)

@@ -6,7 +6,7 @@ and Pereyra, variable projection, 1973, in Kaufman's form).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -69,7 +69,7 @@ class SpectralFit:
 @dataclass(frozen=True, eq=False)
 class SpectralProblem:
     """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one; with
-    poles in the left half plane alone if `stable`. informed: what `information` gave until now, often asked for again.
+    poles in the left half plane alone if `stable`.
 
     All sums over the equations are taken once, as products of columns; what is linear is eliminated from them.
     """
@@ -79,7 +79,6 @@ class SpectralProblem:
     grid: Grid
     with_transient: bool = True
     stable: bool = False
-    informed: dict[SpectralFit, FloatArray] = field(default_factory=dict, init=False)
 
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
@@ -269,6 +268,41 @@ class SpectralProblem:
         _, apart = eliminated(rest[np.ix_(order, order)], slopes.shape[0])
         return np.asarray(apart[0, 1:] ** 2 / np.maximum(np.diag(apart)[1:], 1e-300))
 
+    def covariance_of(self, fit: SpectralFit) -> FloatArray:
+        """Return the covariance of (numerator, theta, dead time), transients beside, for noise of the weights."""
+        if fit not in self._covariances:
+            self._covariances[fit] = self._covariance_and_step(fit)[0]
+        return self._covariances[fit]
+
+    @cached_property
+    def _covariances(self) -> dict[SpectralFit, FloatArray]:
+        return {}
+
+    def step_of(self, fit: SpectralFit) -> FloatArray:
+        """Return the change of (numerator, theta, dead time) that, to first order, leads to the greatest likelihood."""
+        return self._covariance_and_step(fit)[1]
+
+    def _covariance_and_step(self, fit: SpectralFit) -> tuple[FloatArray, FloatArray]:
+        linear = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.stages)
+        bent = nonlinear_slopes(self.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.stages)
+        given = self.given
+        free = freedom(fit.theta, fit.form, fit.stages)
+        columns = given.response_of(np.hstack([linear, bent]) @ free)
+        rest = given.goal - given.response_of((linear @ fit.numerator)[:, None])[:, 0]
+        beside = 0
+        if self.with_transient:
+            decays = given.transient_of(transient_columns(self.grid, fit.theta, fit.form))
+            beside, columns = decays.shape[1], np.hstack([decays, columns])
+        products = self.products(self.weighted(columns, rest[:, None]))
+        gram = eliminated(products, beside)[1] if beside else products
+        size = np.sqrt(np.maximum(np.diag(gram)[:-1], 0.0))
+        size[size == 0.0] = 1.0
+        inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(
+            size, size
+        )
+        # a complex line's noise has half its power in either part
+        return np.asarray(free @ (0.5 * inverse) @ free.T), np.asarray(free @ (inverse @ gram[:-1, -1]))
+
     def residual(self, fit: SpectralFit) -> ComplexArray:
         """Return what the fit leaves of the goal, not weighted, its transient solved for anew, (e,)."""
         response = response_columns(self.grid, fit.theta, fit.delay, fit.form, fit.stages) @ fit.numerator
@@ -339,38 +373,6 @@ def _size(theta: FloatArray, form: Form, j: int) -> float:
     """Return the size of a coefficient; a damping that is near zero counts as its section's frequency."""
     first_of_pair = j < 2 * (form.free // 2) and j % 2 == 0
     return float(abs(theta[j]) + (np.sqrt(abs(theta[j + 1])) if first_of_pair else 0.0))
-
-
-def information(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
-    """Return the covariance of (numerator, theta, dead time), transients fitted beside, for noise of the weights."""
-    if fit not in problem.informed:
-        problem.informed[fit] = _covariance_and_step(problem, fit)[0]
-    return problem.informed[fit]
-
-
-def likelihood_step(problem: SpectralProblem, fit: SpectralFit) -> FloatArray:
-    """Return the change of (numerator, theta, dead time) that, to first order, leads to the greatest likelihood."""
-    return _covariance_and_step(problem, fit)[1]
-
-
-def _covariance_and_step(problem: SpectralProblem, fit: SpectralFit) -> tuple[FloatArray, FloatArray]:
-    linear = response_columns(problem.grid, fit.theta, fit.delay, fit.form, fit.stages)
-    bent = nonlinear_slopes(problem.grid, fit.form, fit.theta, fit.delay, fit.numerator, fit.stages)
-    given = problem.given
-    free = freedom(fit.theta, fit.form, fit.stages)
-    columns = given.response_of(np.hstack([linear, bent]) @ free)
-    rest = given.goal - given.response_of((linear @ fit.numerator)[:, None])[:, 0]
-    beside = 0
-    if problem.with_transient:
-        decays = given.transient_of(transient_columns(problem.grid, fit.theta, fit.form))
-        beside, columns = decays.shape[1], np.hstack([decays, columns])
-    products = problem.products(problem.weighted(columns, rest[:, None]))
-    gram = eliminated(products, beside)[1] if beside else products
-    size = np.sqrt(np.maximum(np.diag(gram)[:-1], 0.0))
-    size[size == 0.0] = 1.0
-    inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
-    # a complex line's noise has half its power in either part
-    return np.asarray(free @ (0.5 * inverse) @ free.T), np.asarray(free @ (inverse @ gram[:-1, -1]))
 
 
 def fitted_beside(columns: ComplexArray, goal: ComplexArray, weight: FloatArray) -> FloatArray:

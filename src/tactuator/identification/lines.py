@@ -39,6 +39,8 @@ _FEWEST = 9
 """Lines below which a band is kept line by line."""
 _WIDEST = 1.0 / 1200.0
 """Widest band over the sampling rate: a dead time of 150 samples turns the phase by less than a radian in it."""
+_SUREST = 3e-3
+"""Relative error of a point that is not believed to be smaller: curvature within its band."""
 _LONG = 20_000
 """Samples from which on a few are left out for a length without large prime factors (0.1 % at most)."""
 _WIDEST_TURNED_BACK = 1.0 / 150.0
@@ -259,6 +261,11 @@ class LocalResponse:
     def blindness(self) -> FloatArray:
         """Return the variance over that of a response of which one line has all the command's power, (m,)."""
         return np.asarray(self.variance / self.noise * self.excitation * self.lines)
+
+    @property
+    def weight(self) -> FloatArray:
+        """Return one over the deviation of each value, none taken for surer than the curvature within its band."""
+        return np.asarray(1.0 / np.sqrt(self.variance + (_SUREST * np.abs(self.value)) ** 2))
 
     def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
         """Return the points where `keep` (m,)."""

@@ -29,7 +29,6 @@ from tactuator.identification.fit import estimate_of_model
 from tactuator.identification.friction import friction_shown
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.judge import identification
-from tactuator.identification.likelihood import likelihood_step
 from tactuator.identification.result import Identification
 from tactuator.identification.uncertainty import fit_of_model, log_slopes
 from tactuator.model.plant import DERIVATIVES
@@ -65,7 +64,7 @@ def recursive(common: Prepared) -> Identification:
     result = identification(common, estimate, "asked", fitted=False)
     own = replace(result.model, num=model.num, den=model.den, delay_s=0.0, covariance=covariance, method="rls")
     slopes = log_slopes(estimate.chosen.fit, own.excess.frequency_hz)
-    excess = own.excess.joined(slopes @ likelihood_step(estimate.chosen.problem, estimate.chosen.fit))
+    excess = own.excess.joined(slopes @ estimate.chosen.problem.step_of(estimate.chosen.fit))
     if shown is not None:
         level, shift = shown
         excess = excess.joined(slopes @ (level * shift))

@@ -16,10 +16,11 @@ from functools import cached_property
 import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.identification.data import mean_of_lines
 from tactuator.identification.form import freedom
 from tactuator.identification.hold import Hold, edge_lines, transient_columns
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem, fitted_beside
-from tactuator.identification.lines import HIGHEST, Equations, Spectrum, equation_slices, equations, weights
+from tactuator.identification.lines import HIGHEST, Equations, Spectrum, equation_slices, equations_of, weights
 from tactuator.identification.residual_tests import (
     ResidualTests,
     apply_filter,
@@ -63,12 +64,13 @@ def record_residual(choice: Choice, spectra: Sequence[Spectrum]) -> tuple[Residu
     return tuple(line_residual(choice.fit, part, weight[piece], taken) for part, piece, taken in pieces)
 
 
-def residual_of_record(fit: SpectralFit, taken: Spectrum, highest_hz: float) -> Residual:
-    """Return the residual of another's fit on all lines of a record, weighted by its spectrum up to highest_hz."""
-    part = equations(taken)
-    grid = replace(fit.grid, frequency_hz=part.frequency_hz, rate_hz=part.rate_hz, shift=part.shift)
-    flat = SpectralProblem(part, np.where(part.of_hz <= highest_hz, 1.0, 0.0), grid)
-    return line_residual(fit, part, weights(part, flat.residual(fit), highest_hz), taken)
+def choice_of_model(fit: SpectralFit, spectra: Sequence[Spectrum], highest_hz: float) -> Choice:
+    """Return a model on records that it was not fitted to, their lines weighted by what it leaves up to highest_hz."""
+    given = equations_of(spectra)
+    grid = replace(fit.grid, frequency_hz=given.frequency_hz, rate_hz=given.rate_hz, shift=given.shift)
+    flat = SpectralProblem(given, np.where(given.of_hz <= highest_hz, 1.0, 0.0), grid)
+    problem, here = replace(flat, weight=weights(given, flat.residual(fit), highest_hz)), replace(fit, grid=grid)
+    return Choice(grid.hold, here, {fit.form: here}, problem)
 
 
 def check_record_residual(
@@ -162,8 +164,6 @@ _LENGTHS = (2, 5, 10, 20, 40)
 """Lengths of the filter that are tried, samples."""
 _SMEARED = 3
 """Samples by which the filters before the converters let a band-limited command seem to run ahead of the noise."""
-_NEAR = 40
-"""Lines over which powers are averaged: they may fall by much towards half the rate, and all is lost in a wide mean."""
 _NUGGET = 1e-7
 """Share of white noise that keeps Levinson's recursion stable (-70 dB)."""
 
@@ -173,10 +173,8 @@ def joint_misfit(residual: Residual, highest_hz: float, *, filtered: bool) -> tu
     leaves, and how much of it a loop explains; filtered as for `explained_by_loop`.
     """
     inside = residual.taken.frequency_hz[1:] <= highest_hz
-    power = mean_power(np.where(inside, np.abs(residual.lines[1:]) ** 2, 0.0)) / np.maximum(
-        mean_power(inside.astype(np.float64)), 1e-3
-    )
-    misfit = 2.0 * float(np.sum(np.log(np.maximum(power[inside], 1e-30))))
+    power = mean_of_lines(np.abs(residual.lines[1:][inside]) ** 2)
+    misfit = 2.0 * float(np.sum(np.log(np.maximum(power, 1e-30))))
     by_loop = explained_by_loop(residual, highest_hz, filtered=filtered)
     return misfit - by_loop, by_loop
 
@@ -187,15 +185,17 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     before it.
     """
     taken = of_lines.taken
-    inside = taken.frequency_hz[1:] <= highest_hz
-    command = np.where(inside, taken.command[1:], 0.0)
-    residual = np.where(inside, of_lines.lines[1:], 0.0)
-    counted = np.maximum(mean_power(inside.astype(np.float64)), 1e-3)
-    before = mean_power(np.abs(command) ** 2) / counted
-    usable = inside & (before > 0.0)
+    count = int(np.searchsorted(taken.frequency_hz[1:], highest_hz, side="right"))
+    command, residual = taken.command[1 : count + 1], of_lines.lines[1 : count + 1]
+    before = mean_of_lines(np.abs(command) ** 2)
+    usable = before > 0.0
     weight = np.where(usable, 1.0 / np.where(usable, before, 1.0), 0.0)
-    products = (weight * np.abs(residual) ** 2, weight * np.conj(residual) * command)
-    autocovariance, shared = np.fft.irfft([np.concatenate([[0.0], lines]) for lines in products], taken.samples)
+    products = np.zeros((2, taken.command.size), dtype=np.complex128)
+    products[0, 1 : count + 1], products[1, 1 : count + 1] = (
+        weight * np.abs(residual) ** 2,
+        weight * np.conj(residual) * command,
+    )
+    autocovariance, shared = np.fft.irfft(products, taken.samples)
     autocovariance[0] *= 1.0 + _NUGGET
     price, lines = float(np.log(2.0 * usable.sum())), float(usable.sum())
     best, chosen = 0.0, None
@@ -215,7 +215,7 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     lags, taps = chosen
     sparse = np.zeros(taken.samples)
     sparse[lags] = taps
-    after = mean_power(np.where(usable, np.abs(command - np.fft.rfft(sparse)[1:] * residual) ** 2, 0.0)) / counted
+    after = mean_of_lines(np.abs(command - np.fft.rfft(sparse)[1 : count + 1] * residual) ** 2)
     return max(best, 2.0 * float(np.sum(np.log(before[usable] / after[usable]))) - price * lags.size)
 
 
@@ -226,13 +226,6 @@ def _solutions(autocovariance: FloatArray, shared: FloatArray) -> Iterator[Float
         missing = float(shared[p] - taps @ autocovariance[p:0:-1])
         taps = np.append(taps, 0.0) + missing / error * filtered[::-1]
         yield taps
-
-
-def mean_power(power: FloatArray) -> FloatArray:
-    """Return the mean of power (m,) over 40 lines."""
-    sums, place, half = np.concatenate([[0.0], np.cumsum(power)]), np.arange(power.size), _NEAR // 2
-    low, high = np.maximum(place - half, 0), np.minimum(place + half + 1, power.size)
-    return np.asarray((sums[high] - sums[low]) / (high - low))
 
 
 def feedback_seen(residual: Residual, hold: Hold) -> bool | None:

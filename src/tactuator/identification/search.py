@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tactuator.arrays import FloatArray
+from tactuator.identification.data import Data
 from tactuator.identification.form import (
     MANY,
     MOST_POLES,
@@ -21,15 +22,12 @@ from tactuator.identification.form import (
     sections_of,
     without_cancelled,
 )
-from tactuator.identification.hold import Grid, Hold
+from tactuator.identification.hold import Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
-from tactuator.identification.lines import HIGHEST, Equations, JoinedEquations, LocalResponse, weights
 from tactuator.identification.starts import Starter
 
 TIE = 6.0
 """Difference of the criterion within which the form of fewer poles is taken (Raftery 1995: from 6 on it is strong)."""
-_HIGHEST = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": HIGHEST}
-"""Highest line used over the rate: the flank of an anti-alias filter says nothing."""
 _KEPT = 6
 """Forms that are fitted to the record."""
 _WORTH, _WORTH_SHARE = 1e-2, 1e-8
@@ -66,21 +64,17 @@ class Choice:
 
 
 def propose(
-    local: LocalResponse,
-    rate_hz: float,
-    scale_rad_s: float,
+    data: Data,
     holds: tuple[Hold, ...],
     known: Known,
     note: Callable[[str], None] = lambda _: None,
-    arrival_s: float = 0.0,
     near: Mapping[Hold, Sequence[SpectralFit]] = MappingProxyType({}),
 ) -> dict[Hold, list[SpectralFit]]:
     """Return fits to the local response under each hold, best first: poles are added until two more bring nothing.
 
-    arrival_s: about when the position begins to answer, a dead time to start from as well. near: fits without the
-    values that are known, in the same scale, to start from as well.
+    near: fits without the values that are known, in the same scale, to start from as well.
     """
-    proposals = _Proposals(local, rate_hz, scale_rad_s, holds, known, arrival_s)
+    proposals = _Proposals(data, holds, known)
     best, stale = np.inf, 0
     for poles in [known.poles] if known.poles is not None else range(known.least_poles, MOST_POLES + 1):
         now = proposals.add_forms(poles)
@@ -90,7 +84,7 @@ def propose(
         if stale >= 2 or (np.isfinite(best) and proposals.nothing_left()):
             break
     # behind sensors of velocity or acceleration amplifiers pass nothing at rest: a zero more than the usual forms have
-    if proposals.least_cost() > _POOR * local.frequency_hz.size or known.origin_zeros:
+    if proposals.least_cost() > _POOR * data.local.frequency_hz.size or known.origin_zeros:
         late = proposals.leading()[1].form.dead_time
         for poles in [known.poles] if known.poles is not None else range(MANY, MOST_POLES + 1):
             note(f"{poles} poles and as many zeros")
@@ -106,18 +100,11 @@ def propose(
 class _Proposals:
     """Fits to one local response under several holds, each with its score: -2 log likelihood and Bayes' penalty."""
 
-    def __init__(
-        self,
-        local: LocalResponse,
-        rate_hz: float,
-        scale_rad_s: float,
-        holds: tuple[Hold, ...],
-        known: Known,
-        arrival_s: float,
-    ) -> None:
-        self._known, self._points = known.in_scale(scale_rad_s), local.frequency_hz.size
-        self._delay = None if known.delay_s is None else known.delay_s * scale_rad_s
-        self._starters = {hold: Starter(local, rate_hz, hold, scale_rad_s, arrival_s) for hold in holds}
+    def __init__(self, data: Data, holds: tuple[Hold, ...], known: Known) -> None:
+        scale = data.scale_rad_s
+        self._known, self._points = known.in_scale(scale), data.local.frequency_hz.size
+        self._delay = None if known.delay_s is None else known.delay_s * scale
+        self._starters = {hold: Starter(data.local, data.rate_hz, hold, scale, data.late_s) for hold in holds}
         self.scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
 
     def leading(self) -> tuple[float, SpectralFit]:
@@ -198,36 +185,25 @@ def _least(scored: list[tuple[float, SpectralFit]], dead_time: bool | None = Non
 
 
 def choose(
-    given: Equations | JoinedEquations,
+    data: Data,
     proposals: list[SpectralFit],
     hold: Hold,
     known: Known,
     *,
     quick: bool = False,
-    weight: FloatArray | None = None,
     begun: Choice | None = None,
     stable: bool = False,
 ) -> Choice:
-    """Return the form of best criterion on the record, simpler ones tried from there (quick: the best two only).
+    """Return the form of best criterion on the data, simpler ones tried from there (quick: the best two only).
 
-    begun: the quick choice, to go on from. stable: no pole may move into the right half plane. weight: one over the
-    noise's deviation at each equation (e,), where it is known beforehand, of lines free of transients; the spectrum of
-    what the model leaves tells it otherwise.
+    begun: the quick choice, to go on from. stable: no pole may move into the right half plane.
     """
-    highest = _HIGHEST[hold] * given.rate_hz
-    kept = best_few(proposals)[: 2 if quick else _KEPT]
+    kept = _best_few(proposals)[: 2 if quick else _KEPT]
     first, first_hz = kept[0], kept[0].grid.frequency_hz[0]
-    flat = np.where(given.of_hz <= highest, 1.0, 0.0)
-
-    def reweighted(now: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
-        noise = weights(given, now.residual(fit), highest) if weight is None else weight * flat
-        return replace(now, weight=noise)
-
     if begun is None:
-        grid = Grid(given.frequency_hz, given.rate_hz, first.grid.scale_rad_s, hold, given.shift)
-        problem = SpectralProblem(given, flat, grid, with_transient=weight is None, stable=stable)
+        problem = data.problem(first.grid.scale_rad_s, hold, stable=stable)
         for _ in range(2):
-            problem = reweighted(problem, first)
+            problem = data.weighted(problem, first)
             first = _again(problem, first, 8) or first
     else:
         problem, first = begun.problem, begun.fit
@@ -237,17 +213,17 @@ def choose(
         if rival.form != first.form
     ]
     fits = {first.form: first} | {rival.form: rival for rival in others if rival is not None}
-    best = _best(problem, fits) if quick else pruned(problem, fits, known)
+    best = _best(problem, fits) if quick else _pruned(problem, fits, known)
     for _ in range(1 if quick else 2):
-        problem = reweighted(problem, best)
+        problem = data.weighted(problem, best)
         best = _again(problem, best, 10) or best
     for added in _with_slow_poles(problem, best, known, float(first_hz)):
-        problem = reweighted(problem, added)
+        problem = data.weighted(problem, added)
         best = _again(problem, added, 10) or added
     fits[best.form] = best
     if quick:
         return Choice(hold, best, {best.form: best}, problem)
-    return _preferred(Choice(hold, best, fits, problem), reweighted)
+    return _preferred(Choice(hold, best, fits, problem), data)
 
 
 SHOWN_LATE = 10.0
@@ -281,7 +257,7 @@ def _with_slow_poles(
         yield best
 
 
-def _preferred(choice: Choice, reweighted: Callable[[SpectralProblem, SpectralFit], SpectralProblem]) -> Choice:
+def _preferred(choice: Choice, data: Data) -> Choice:
     """Return the choice by the weights that belong to its best form, by which another may be better: those before were
     an earlier fit's.
     """
@@ -289,7 +265,7 @@ def _preferred(choice: Choice, reweighted: Callable[[SpectralProblem, SpectralFi
     near = _near(problem, choice.fits, best) | {best.form: best}
     preferred = _best(problem, near)
     if _score(problem, preferred) < _score(problem, best):
-        again = reweighted(problem, preferred)
+        again = data.weighted(problem, preferred)
         fitted = _again(again, preferred, 10) or preferred
         # by weights of its own residual a fit's cost is the number of equations, unless its numbers ran away
         if fitted.cost < _ASTRAY * problem.given.goal.size:
@@ -331,7 +307,7 @@ def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: Spectra
     return {fit.form: _again(problem, fit, 4) or fit for fit in near if fit is not best}
 
 
-def best_few(proposals: list[SpectralFit]) -> list[SpectralFit]:
+def _best_few(proposals: list[SpectralFit]) -> list[SpectralFit]:
     """Return the best few, three of each number of poles at most, without those that are far off."""
     kept: list[SpectralFit] = []
     for fit in proposals:
@@ -355,7 +331,7 @@ def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFi
     return min(near, key=lambda fit: (fit.form.poles, _score(problem, fit)))
 
 
-def pruned(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:
+def _pruned(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:
     """Return the best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
     tried: set[Form] = set()
     while True:

@@ -17,8 +17,6 @@ from tactuator.identification.hold import Grid, Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import LocalResponse, points
 
-_FLOOR = 3e-3
-"""Relative error of a point that is not believed to be smaller: curvature within its band."""
 _ALIKE = 3.0
 """Half of -2 log likelihood by which a fit may be behind that of another hold, from which it started."""
 _WORTH, _WORTH_SHARE = 3e-2, 3e-8
@@ -42,10 +40,9 @@ class Starter:
         self, local: LocalResponse, rate_hz: float, hold: Hold, scale_rad_s: float, arrival_s: float = 0.0
     ) -> None:
         self.local, self.hold = local, hold
-        weight = 1.0 / np.sqrt(local.variance + (_FLOOR * np.abs(local.value)) ** 2)
         grid = Grid(local.frequency_hz, rate_hz, scale_rad_s, hold)
         self.problem = SpectralProblem(
-            points(local.frequency_hz, local.value, rate_hz), weight, grid, with_transient=False
+            points(local.frequency_hz, local.value, rate_hz), local.weight, grid, with_transient=False
         )
         # what the hold adds, aliases aside, is taken off; the descent has the exact one
         turn = 2j * np.pi * local.frequency_hz / rate_hz

@@ -20,7 +20,7 @@ from tactuator.identification.form import (
     stages_of,
 )
 from tactuator.identification.hold import Grid, Hold, response_columns
-from tactuator.identification.likelihood import SpectralFit, information, nonlinear_slopes
+from tactuator.identification.likelihood import SpectralFit, nonlinear_slopes
 from tactuator.identification.lines import POOLED, LocalResponse, Spectrum
 from tactuator.identification.search import SHOWN_LATE, Choice
 from tactuator.model.plant_model import Z95, Excess, PlantModel
@@ -53,7 +53,7 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     best = choice.fit
     value = best.response(frequency_hz)
     slopes = log_slopes(best, frequency_hz)
-    spread = information(choice.problem, best)
+    spread = choice.problem.covariance_of(best)
     lowest = min(choice.criterion(fit) for fit in choice.fits.values())
     total, magnitude, phase = 0.0, np.zeros(frequency_hz.size), np.zeros(frequency_hz.size)
     own_variance = _variances(slopes, spread)
@@ -66,7 +66,7 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
         if fit is best:
             continue
         away = np.log(fit.response(frequency_hz) / value)
-        variance = _variances(log_slopes(fit, frequency_hz), information(choice.problem, fit))
+        variance = _variances(log_slopes(fit, frequency_hz), choice.problem.covariance_of(fit))
         magnitude += weight * np.maximum(away.real**2 + variance[0] - own_variance[0], 0.0)
         phase += weight * np.maximum(away.imag**2 + variance[1] - own_variance[1], 0.0)
     return Excess(frequency_hz, np.sqrt(magnitude / max(total, 1e-300)), np.sqrt(phase / max(total, 1e-300)))
@@ -90,7 +90,7 @@ def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None =
     hertz = np.concatenate([below, seen_hz])
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, seen_hz), hertz))
-    covariance = information(choice.problem, best) + (0.0 if shifts is None else shifts.T @ shifts)
+    covariance = choice.problem.covariance_of(best) + (0.0 if shifts is None else shifts.T @ shifts)
     variances = _variances(log_slopes(best, hertz), covariance)
     pairs = zip(variances, (beyond.magnitude, beyond.phase_rad), strict=True)
     reach = [Z95 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
@@ -150,7 +150,7 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
     slopes = np.hstack([linear, bent])
     lines_per_hz = sum(1.0 / taken.spacing_hz for taken in spectra)
     missing = -np.trapezoid((slopes * share).real, beyond, axis=0) * lines_per_hz
-    return np.asarray(2.0 * information(problem, fit) @ missing)
+    return np.asarray(2.0 * problem.covariance_of(fit) @ missing)
 
 
 def moved(fit: SpectralFit, change: FloatArray) -> SpectralFit:

@@ -10,12 +10,19 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification.check import check_record
+from tactuator.identification.data import spectra_read_late
 from tactuator.identification.friction import dahl_state
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import HIGHEST, LocalResponse, local_response, spectrum
 from tactuator.identification.options import solvable
-from tactuator.identification.residual import Residual, check_record_residual, fit_percent, residual_of_record
+from tactuator.identification.residual import (
+    Residual,
+    check_record_residual,
+    choice_of_model,
+    fit_percent,
+    record_residual,
+)
 from tactuator.identification.residual_tests import CHANCE, ResidualTests
 from tactuator.identification.result import Identification, Validation
 from tactuator.identification.trust import UNSEEN_EXPLAINED, UNSEEN_FOLLOWING, UNSEEN_INSIDE
@@ -61,8 +68,8 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
     position = position - position.mean()
 
     def left_of(moving: FloatArray) -> Residual:
-        shift = min(max(int(fit.delay_s * record.rate_hz + 1e-3) - 1, 0), command.size // 4)
-        return residual_of_record(fit, spectrum(moving, position, record.rate_hz, shift), HIGHEST * record.rate_hz)
+        spectra = spectra_read_late([(moving, position)], record.rate_hz, fit.delay_s)
+        return record_residual(choice_of_model(fit, spectra, HIGHEST * record.rate_hz), spectra)[0]
 
     moving, residual, path = command, left_of(command), position
     for _ in range(2 if model.friction else 0):
