@@ -16,8 +16,7 @@ import pytest
 
 from tactuator.cli import main
 from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
-from tactuator.experiment.session.enrolment import fresh_token
-from tactuator.experiment.session.studies import open_study, task_of
+from tactuator.experiment.session.studies import fresh_token, open_study, task_of
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import Store, sessions_of
 from tactuator.io.controller import write_controller

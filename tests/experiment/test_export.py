@@ -14,7 +14,7 @@ import pytest
 from tactuator.errors import BadInput
 from tactuator.experiment.export import cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
-from tactuator.experiment.session.enrolment import Correction
+from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store

@@ -110,7 +110,7 @@ from dataclasses import dataclass
 from tactuator.experiment.task.task import Planned, Task, TaskPrompt, TaskState
 from tactuator.experiment.trial import Tone, Trial
 from tactuator.parameters import table
-from tactuator.table import Chart, ChartLine, ResultTable
+from tactuator.result import Chart, ChartLine, ResultTable
 
 
 @table("[task]")
@@ -157,17 +157,18 @@ class StrongerRun(TaskState):
 
 def test_foreign_task__from_protocol_to_figure__is_treated_as_ours(install, tmp_path) -> None:
     install("tactuator.tasks", "stronger", TASK, "Stronger", package="third_laboratory")
-    text = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[session]\npractice_trials = 0\n[task]\nkind = "stronger"\n'
+    text = PROTOCOL[: PROTOCOL.index("[procedure]")] + '[session]\npractice_trials = 2\n[task]\nkind = "stronger"\n'
     text += 'finger = "index"\n[[subject]]\ncode = "S1"\n'
     protocol, place = parse_protocol(text, StudyProtocol), apparatus()
     people = simulated_observers(curve("bolanowski-1988"), 1, seed=5)
     task = task_of(protocol, tmp_path, place)
-    assert (protocol.asks, [run.typical_trials for run in task.runs(0)]) == ("stronger", [4])
+    assert (protocol.asks, [run.typical_trials for run in task.runs(0)]) == ("stronger", [2, 4])
     assert [choice.keys for choice in task.question.choices] == [("1",), ("2",)]
     with opened_store(tmp_path / "lab.db") as store:
-        run_study(store, protocol, text, place, people, SystemClock())
-        assert export(store, tmp_path / "out", "bids") == 4
-    (told,) = (tmp_path / "out").rglob("*task-stronger_run-01_beh.tsv")
+        for _ in range(2):  # once it is done, it is replayed
+            run_study(store, protocol, text, place, people, SystemClock())
+        assert export(store, tmp_path / "out", "bids") == 2 + 4
+    (told,) = (tmp_path / "out").rglob("*task-stronger_run-02_beh.tsv")
     assert told.read_text().count("tone:index:250|tone:index:250") == 4
     found = judged(tmp_path / "lab.db", figures=tmp_path / "figures")
     assert (found.task, found.runs, found.results[0].rows) == ("stronger", 1, (("S1", "4"),))

@@ -31,7 +31,7 @@ from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
-from tactuator.experiment.session.enrolment import Correction, StudyRecords, fresh_token, study_records
+from tactuator.experiment.session.studies import Correction, StudyRecords, fresh_token, study_records
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind

@@ -19,10 +19,9 @@ from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result import information as estimates
 from tactuator.experiment.result.confusion import AbxResult, SubjectResult, information_table, recognition_results
 from tactuator.experiment.result.information import Information
-from tactuator.experiment.session.enrolment import fresh_token
 from tactuator.experiment.session.respondent import Respondent, run_session
 from tactuator.experiment.session.session import Acknowledged
-from tactuator.experiment.session.studies import open_session, open_study, task_of
+from tactuator.experiment.session.studies import fresh_token, open_session, open_study, task_of
 from tactuator.experiment.session.task import NextTrial, SessionTask, SystemClock
 from tactuator.experiment.simulated.subjects import ErringRespondent
 from tactuator.experiment.store.records import Visit

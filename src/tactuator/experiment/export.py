@@ -32,6 +32,7 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import (
     COLUMNS,
     INTERVALS,
+    PROGRAMS,
     TRIALS,
     Column,
     detection_runs,
@@ -41,7 +42,6 @@ from tactuator.experiment.store.stored_runs import (
 from tactuator.io.atomic import atomic_folder
 
 TableRow = dict[str, Any]
-_PROGRAMS = ("simulated", "script")
 _MISSING = "n/a"
 
 
@@ -160,7 +160,7 @@ def _thresholds(store: Store) -> list[TableRow]:
         row = asdict(threshold) | {name: getattr(run, name) for name in ("respondent", "rig_simulated", "shown")}
         row |= {"study": studies[session.study_id], "visit": session.visit, "flags": "|".join(threshold.flags)}
         row["protocol_version"] = versions[run.protocol_version_id]
-        row["group"] = "simulated" if run.respondent in _PROGRAMS else threshold.group
+        row["group"] = "simulated" if run.respondent in PROGRAMS else threshold.group
         rows.append({name: _plain(row[name]) for name in names})
     return rows
 
@@ -222,7 +222,7 @@ def _description(data: Exported) -> tuple[str, str]:
     """Return the studies' names, and a sentence on the data that calls simulated data simulated."""
     trials = data.tables["trials"]
     text = f"Vibrotactile {' and '.join(_tasks(trials))}, one row for each answered trial."
-    if any(row["respondent"] in _PROGRAMS for row in trials):
+    if any(row["respondent"] in PROGRAMS for row in trials):
         text += " Simulated subjects answered; see the column respondent."
     elif any(row["rig_simulated"] == 1 for row in trials):
         text += " The display was simulated: nothing could be felt; see the columns rig_simulated and shown."

@@ -12,9 +12,8 @@ from typing import TypeVar
 
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.presenter import Halted, Watch
-from tactuator.experiment.session.enrolment import StudyRecords
 from tactuator.experiment.session.session import Session
-from tactuator.experiment.session.studies import Study
+from tactuator.experiment.session.studies import Study, StudyRecords
 from tactuator.experiment.session.task import JumpWatch, NextTrial
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found

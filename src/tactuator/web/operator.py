@@ -10,8 +10,8 @@ from fastapi import WebSocket
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import SubjectPart
-from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.session import Running, RunTally, Session
+from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.store.records import Found
 from tactuator.plain import picked
 from tactuator.web.lab import Lab, LabFault

@@ -25,8 +25,7 @@ from tactuator.api.parameters import (
 from tactuator.errors import BadInput, within
 from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol
-from tactuator.experiment.session.enrolment import fresh_token
-from tactuator.experiment.session.studies import open_study, task_of
+from tactuator.experiment.session.studies import fresh_token, open_study, task_of
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.text import read_text

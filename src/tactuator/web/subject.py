@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, TypeVar
@@ -14,6 +14,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import Halted, Watch
 from tactuator.experiment.session.session import Acknowledged, Session
+from tactuator.experiment.session.task import NextTrial
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found
 from tactuator.plain import picked
@@ -93,17 +94,26 @@ class SubjectTab:
                 del lab.tabs[self.id]
             lab.notify()
 
+    @asynccontextmanager
+    async def _reporting(self, session: Session | None = None) -> AsyncIterator[None]:
+        """Tell the page of what is refused in the block, and of a fault. session: its trial is then asked again."""
+        try:
+            yield
+        except BadInput as error:
+            await self._send(type="refused", message=str(error))
+            if session is not None and session.pending is not None:
+                await self._ask(session.pending[0])
+        except LabFault as fault:
+            await self._fault(fault)
+
     async def _read(self) -> None:
         while True:
-            try:
+            async with self._reporting():
                 message = message_of(FROM_SUBJECT, await receive_text(self.socket), "message")
-            except BadInput as error:
-                await self._send(type="refused", message=str(error))
-                continue
-            if isinstance(message, Pause | Withdraw):
-                self._interruptions += 1
-            clock = self.lab.clock
-            await self._messages.put(_Incoming(message, clock.utc(), clock.monotonic_s()))
+                if isinstance(message, Pause | Withdraw):
+                    self._interruptions += 1
+                clock = self.lab.clock
+                await self._messages.put(_Incoming(message, clock.utc(), clock.monotonic_s()))
 
     async def _run_stages(self, session: Session) -> None:
         """Go through one stage after another until the subject interrupts; then handle the interruption.
@@ -132,16 +142,16 @@ class SubjectTab:
             said: Consent | Decline = await self._next_of(Consent, Decline)
             if isinstance(said, Consent):
                 name = said.name
-                await self._save_or_report(lambda: session.give_consent(name))
+                await self._work(lambda: session.give_consent(name))
             else:
-                await self._save_or_report(session.decline)
+                await self._work(session.decline)
         else:
             if not await self._is_ready(session, announced):
                 return  # the operator gave up the run that was introduced: the page is told of the next
             if stage == "trial":
                 await self._run_trials(session)
             else:
-                await self._save_or_report({"break": session.end_break, "introduction": session.introduce}[stage])
+                await self._work({"break": session.end_break, "introduction": session.introduce}[stage])
 
     async def _run_trials(self, session: Session) -> None:
         """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
@@ -158,10 +168,10 @@ class SubjectTab:
                 self._next_interruption()
                 continue
             except LabFault as fault:
-                await self._fault(session, fault)
+                await self._fault(fault)
                 return
             self.lab.notify()
-            await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
+            await self._ask(stands)
             while session.pending is not None:
                 await self._next_message()
             await self._listen(session.task.rules.feedback_s)
@@ -230,12 +240,12 @@ class SubjectTab:
             return
         session.pending = None  # a trial that was played and not answered is played again
         if isinstance(message, Withdraw):
-            await self._save_or_report(lambda: session.withdraw(message.keep))
+            await self._work(lambda: session.withdraw(message.keep))
             self.lab.calls[self.id] = self.lab.words("operator.subject_withdrawn", subject=code)
             self.lab.release(self.id)
             return
         stage = "paused" if message.type == "pause" else "stopped"
-        await self._save_or_report(lambda: session.note(message.type, f"by the subject, at {session.stage}"))
+        await self._work(lambda: session.note(message.type, f"by the subject, at {session.stage}"))
         self.lab.calls[self.id] = self.lab.words(f"operator.subject_{stage}", subject=code)
         if stage == "stopped":
             self.lab.release(self.id)
@@ -244,7 +254,7 @@ class SubjectTab:
         while (await self._next_of(Ready)).stage != stage:
             pass  # what was said of another stage came late
         self.lab.calls.pop(self.id, None)
-        await self._save_or_report(lambda: session.note("resume", "by the subject"))
+        await self._work(lambda: session.note("resume", "by the subject"))
 
     async def _answer(self, session: Session, message: AnswerMessage, incoming: _Incoming) -> None:
         answer = records.Answer(
@@ -255,28 +265,22 @@ class SubjectTab:
             message.lit_ms,
             incoming.received_s,
         )
-        try:
+        async with self._reporting(session):
             acknowledged = await self.lab.work(lambda: self._save(session, message, answer))
-        except LabFault as fault:
-            await self._fault(session, fault)
-            return
-        except BadInput as error:
-            await self._send(type="refused", message=str(error))
-            if session.pending is not None:
-                stands = session.pending[0]
-                await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
-            return
-        self.lab.tell(None)
-        self.lab.hold(session)
-        await self._send(
-            type="ack",
-            run=acknowledged.run,
-            number=acknowledged.number,
-            right=acknowledged.right,
-            progress=session.progress,
-            left_s=round(session.time_left_s),
-        )
-        self.lab.notify()
+            self.lab.tell(None)
+            self.lab.hold(session)
+            await self._send(
+                type="ack",
+                run=acknowledged.run,
+                number=acknowledged.number,
+                right=acknowledged.right,
+                progress=session.progress,
+                left_s=round(session.time_left_s),
+            )
+            self.lab.notify()
+
+    async def _ask(self, stands: NextTrial) -> None:
+        await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
 
     def _save(self, session: Session, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
         waits = session.pending
@@ -287,13 +291,9 @@ class SubjectTab:
             raise BadInput(f"answer to trial {message.number} of run {message.run}", "to the trial that stands")
         return before
 
-    async def _save_or_report(self, job: Callable[[], None]) -> None:
-        try:
+    async def _work(self, job: Callable[[], None]) -> None:
+        async with self._reporting():
             await self.lab.work(job)
-        except BadInput as error:
-            await self._send(type="refused", message=str(error))
-        except LabFault as fault:
-            await self._fault(await self.lab.session(self.row), fault)
 
     def _watch(self, session: Session) -> Watch:
         """Return the callback that tells the page of intervals, where it shows them, and of their envelopes in a
@@ -320,9 +320,10 @@ class SubjectTab:
         except (WebSocketDisconnect, RuntimeError):
             return  # the page went while the trial played; it is presented again
 
-    async def _fault(self, session: Session, fault: LabFault) -> None:
+    async def _fault(self, fault: LabFault) -> None:
         what = "page.display_stopped" if isinstance(fault, RigAtRest) else "page.not_saved"
-        await self._send(type="fault", message=session.task.words(what), detail=str(fault))
+        words = (await self.lab.session(self.row)).task.words
+        await self._send(type="fault", message=words(what), detail=str(fault))
         await asyncio.sleep(0.5)
         self.lab.tell(str(fault))
 

@@ -55,14 +55,6 @@ def test_quest_plus__always_the_same_answer__is_flagged(correct: bool, flag: str
     assert flag in run.flags()
 
 
-def test_points__keep_away_from_mains() -> None:
-    for points in (8, 20, 61):
-        frequency = CurvePrior(points=points).frequency_hz
-        nearest = np.maximum(np.round(frequency / 60.0), 1.0) * 60.0
-        assert np.min(np.abs(frequency - nearest)) >= 2.0 - 1e-9
-        assert 0.4 - 1e-9 <= frequency.min() < frequency.max() <= 300.0
-
-
 @pytest.mark.parametrize(
     "make",
     [

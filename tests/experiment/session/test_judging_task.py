@@ -1,4 +1,4 @@
-"""Judging at the simulated display: levels and times as played, stopped sessions, a task of another package."""
+"""Judging at the simulated display: levels and times as played, stopped sessions."""
 
 from contextlib import closing
 
@@ -16,7 +16,6 @@ from tactuator.experiment.simulated.subjects import run_study, simulated_observe
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import answered_runs
 from tactuator.experiment.task.magnitude_estimation import magnitudes
-from tactuator.experiment.task.task import GROUP
 from tactuator.perception.curve import curve
 from tests.experiment.session.apparatuses import apparatus
 
@@ -137,70 +136,3 @@ def test_observed__by_people_whose_strength_is_a_power_function__gives_its_expon
         text = HEAD.replace("judged", "order") + ORDER
         with pytest.raises(BadInput, match="strength is not what it asks for"):
             run_study(store, parse_protocol(text, JudgingProtocol), text, apparatus(), people, SystemClock())
-
-
-SOURCE = '''
-from dataclasses import dataclass
-from typing import Annotated
-
-from pydantic import Field
-
-from tactuator.experiment.task.task import Planned, Task, TaskPrompt, TaskState
-from tactuator.experiment.trial import Tone, Trial
-from tactuator.parameters import Whole, table
-from tactuator.result import ResultTable
-
-
-@table("[task]")
-class Roughness(Task):
-    """Was it rough? Tones of two frequencies in turn."""
-
-    trials: Annotated[Whole, Field(ge=1, description="trials")] = 4
-
-    def asked(self, words):
-        return TaskPrompt("Was it rough?", (("yes", ("y",)), ("no", ("n",))))
-
-    def fingers_used(self):
-        return ("index",)
-
-    def plans(self, words):
-        return (Planned("index", None, "roughness", self.trials),)
-
-    def begin(self, index, place, seed):
-        return Run(seed, self)
-
-    def results(self, runs, words):
-        yes = sum(trial.correct for run in runs for trial in run.trials)
-        return (ResultTable("roughness", ("rough",), ((str(yes),),)),)
-
-
-@dataclass
-class Run(TaskState):
-    keys: Roughness
-
-    @property
-    def share_done(self):
-        return self.trials / self.keys.trials
-
-    def draw(self, number):
-        if number >= self.keys.trials:
-            return None
-        tone = Tone("tone", "index", 30.0 if number % 2 else 90.0, 20.0)
-        return Trial.of(number, [(tone,)], ("yes", "no"), "yes")
-'''
-PROTOCOL = HEAD + '[task]\nkind = "roughness"\ntrials = 6\n'
-
-
-class Rough(Respondent):
-    def respond(self, trial) -> str:
-        return "yes" if trial.tones[0][0].frequency_hz < 50.0 else "no"
-
-
-def test_foreign_task__one_file_of_another_package__runs_a_session_and_has_results(install, store, tmp_path) -> None:
-    install(GROUP, "roughness", SOURCE, "Roughness")
-    task = task_of(parse_protocol(PROTOCOL, StudyProtocol), tmp_path, apparatus())
-    study = open_study(store, task, PROTOCOL, SystemClock(), lambda code, visit: f"{code}-{visit}")
-    session = open_session(study, "S1")
-    assert run_session(session, Rough()) == 2 + 6
-    assert task.results(store, session.id)[0].rows == (("3",),)
-    assert open_session(study, "S1").stage == "done"  # replayed from the store

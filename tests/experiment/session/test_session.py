@@ -15,9 +15,8 @@ from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.result.played import attention
 from tactuator.experiment.result.thresholds import thresholds
-from tactuator.experiment.session.enrolment import Correction
 from tactuator.experiment.session.respondent import Respondent, run_session
-from tactuator.experiment.session.studies import open_session, open_study
+from tactuator.experiment.session.studies import Correction, open_session, open_study
 from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store import records, schema

@@ -244,7 +244,6 @@ class Practice(Runs):
 
     @property
     def level_db_sl(self) -> FloatArray:
-        """The practice level."""
         return self._level
 
     @property
@@ -254,7 +253,6 @@ class Practice(Runs):
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """Whether practice is passed or its trials are used up."""
         return np.asarray((self.trials >= self.limit) | self.passed)
 
     def progress(self, run: int = 0) -> float:
@@ -264,7 +262,6 @@ class Practice(Runs):
         return 1.0 if self.passed else min(int(self.trials[0]), self._correct) / (self._correct + 1)
 
     def learn(self, correct: NDArray[np.bool_]) -> None:
-        """Count the outcome."""
         self._last.append(bool(correct[0]))
 
 

@@ -55,15 +55,12 @@ class QuestPlus(Procedure):
             )
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> QuestPlusRuns:
-        """Return so many fresh runs in which guesses are right with that probability."""
         return QuestPlusRuns(self, guess, count)
 
     def expected_threshold(self) -> float:
-        """Return the mean of the prior."""
         return self.expected_db_sl
 
     def expecting(self, threshold_db_sl: float) -> QuestPlus:
-        """Return the procedure with that mean of the prior."""
         return replace(self, expected_db_sl=threshold_db_sl)
 
 
@@ -137,11 +134,9 @@ class QuestPlusRuns(Runs):
 
     @property
     def level_db_sl(self) -> FloatArray:
-        """The most telling level of every run, (count,)."""
         return np.asarray(self._tables.levels[self._next])
 
     def learn(self, correct: NDArray[np.bool_]) -> None:
-        """Learn the outcomes."""
         self.posterior = self._tables.learn(self.posterior, self._next, correct)
         self._next = self._tables.most_telling(self.posterior)
 

@@ -56,7 +56,6 @@ class UpDown(Procedure):
             raise BadInput(f"{self.start_db_sl:g}", limits, key="start_db_sl")
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Tracks:
-        """Return so many fresh tracks; neither guesses nor frequencies matter to them."""
         return Tracks(self, count)
 
     @property
@@ -74,7 +73,6 @@ class UpDown(Procedure):
         return _TRIALS_PER_REVERSAL * self.reversals
 
     def below(self, ceiling_db_sl: float) -> UpDown:
-        """Return the procedure with that ceiling, if its own is not lower."""
         ceiling = min(self.ceiling_db_sl, ceiling_db_sl)
         return replace(self, ceiling_db_sl=ceiling, start_db_sl=min(self.start_db_sl, ceiling))
 
@@ -102,11 +100,9 @@ class Imece2004(Procedure):
 
     @property
     def typical_trials(self) -> float:
-        """Number of trials that runs have on average."""
         return UpDown().typical_trials
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Tracks:
-        """Return so many fresh tracks by the defaults of `up-down`."""
         return Tracks(UpDown(start_db_sl=self.start_db_sl), count)
 
 
@@ -131,12 +127,10 @@ class Tracks(Runs):
 
     @property
     def level_db_sl(self) -> FloatArray:
-        """Level of the next trial, (count,)."""
         return self._level
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """Whether each track has its reversals, or its last trial."""
         return np.asarray((self.reversals >= self.rule.reversals) | (self.trials >= self.limit))
 
     def progress(self, run: int = 0) -> float:
@@ -150,7 +144,6 @@ class Tracks(Runs):
         return tuple(sorted([*limits, *(["trial-limit"] if short else [])]))
 
     def learn(self, correct: NDArray[np.bool_]) -> None:
-        """Move the levels by the outcomes."""
         rule, alive = self.rule, ~self.over
         self._streak = np.where(correct, np.maximum(self._streak, 0) + 1, np.minimum(self._streak, 0) - 1)
         simple = (self.reversals == 0) & rule.initial_rule

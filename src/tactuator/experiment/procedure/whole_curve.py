@@ -63,18 +63,15 @@ class WholeCurve(Procedure):
         return CurvePrior(**vars(self.prior), **vars(playable), points=self.points)
 
     def places(self, playable: Playable) -> FloatArray:
-        """Return the frequencies at which trials may be put, (points,)."""
         return self.prior_at(playable).frequency_hz
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> CurveRuns:
-        """Return so many fresh runs over what can be played, in which guesses are right with that probability."""
         return CurveRuns(self, CurveBelief(self.prior_at(playable), Answering(guess=guess), count))
 
     def curve(
         self, guess: float, playable: Playable, frequency_hz: FloatArray, level_db_sl: FloatArray,
         correct: NDArray[np.bool_],
     ) -> MeasuredCurve:  # fmt: skip
-        """Return the curve after trials of a run, (trials,) each."""
         belief = CurveBelief(self.prior_at(playable), Answering(guess=guess))
         at = belief.prior.frequency_hz
         points = np.argmin(np.abs(np.log(frequency_hz[:, None] / at)), axis=1)
@@ -103,7 +100,6 @@ class CurveRuns(Runs):
 
     @property
     def level_db_sl(self) -> FloatArray:
-        """The most telling level of every run, (count,)."""
         return self._choice()[1]
 
     @property
@@ -112,7 +108,6 @@ class CurveRuns(Runs):
         return np.asarray(self.belief.prior.frequency_hz[self._choice()[0]])
 
     def learn(self, correct: NDArray[np.bool_]) -> None:
-        """Learn the outcomes."""
         self.played.append((self.frequency_hz, self.level_db_sl, correct))
         self.belief.learn(*self._choice(), correct)
         self._chosen = None

@@ -104,28 +104,23 @@ class Protocol(StudyProtocol):
 
     @property
     def asks(self) -> str:
-        """Return detection."""
         return "detection"
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:
-        """Return the frequencies of the conditions."""
         return self.conditions.frequencies_hz
 
     def require_observers(self) -> None:
-        """Refuse a single interval."""
         if self.paradigm.yes_no:
             got = "1: simulated observers tell intervals apart"
             raise BadInput(got, "two intervals or more", key="paradigm.intervals")
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
-        """Return every condition, `repeats` times."""
         frequencies: tuple[float | None, ...] = self.frequencies_hz or (None,)
         cells = [(finger, hertz) for finger in self.conditions.fingers for hertz in frequencies]
         return tuple(self._run(*cell, words) for cell in cells) * self.conditions.repeats
 
     def practice(self, parts: Sequence[PlannedRun], order: Sequence[int], words: Words) -> Sequence[PlannedRun]:
-        """Return practice of the first condition, where there is any."""
         rules, told = self.session, ""
         if not rules.practice_trials:
             return ()

@@ -34,11 +34,9 @@ class JudgingProtocol(StudyProtocol):
 
     @property
     def asks(self) -> str:
-        """Return the kind of the task."""
         return self.task.kind
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
-        """Return every run of the task."""
         return tuple(
             PlannedRun(
                 plan.finger,
@@ -54,11 +52,9 @@ class JudgingProtocol(StudyProtocol):
         )
 
     def order(self, count: int, subject: int, visit: int) -> Sequence[int]:
-        """Return an order of the subject's own."""
         rng = np.random.default_rng([self.study.seed, 13, subject, *further(visit)])
         return [int(index) for index in rng.permutation(count)]
 
     def practice(self, parts: Sequence[PlannedRun], order: Sequence[int], words: Words) -> Sequence[PlannedRun]:
-        """Return practice of the subject's first run, where there is any."""
         trials = self.session.practice_trials
         return [parts[index].practised(trials, words("run.practice_plain"), words) for index in order[: trials and 1]]

@@ -93,20 +93,16 @@ class RecognitionProtocol(StudyProtocol):
 
     @property
     def asks(self) -> str:
-        """Return recognition."""
         return "recognition"
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Return the items' references, and what else lies beside the protocol."""
         return (*(item.file for item in self.item), *super().files)
 
     def require_observers(self) -> None:
-        """Refuse recognition, of which thresholds tell nothing."""
         raise BadInput("what is asked is recognition", "detection or a task; see `experiment recognise`")
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
-        """Return every block; what differs between subjects is the order of its trials."""
         return tuple(self._run(number, block, words) for number, block in enumerate(self.block, start=1))
 
     def _run(self, number: int, block: BlockPart, words: Words) -> PlannedRun:

@@ -192,7 +192,7 @@ def session_results(
 
 def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, bool]]:
     """Return (subject, correct, response, nobody felt it) of each trial of test blocks that were not given up."""
-    felt = ("subject_group", "respondent", "rig", "rig_simulated")
+    felt = ("subject_group", "respondent", "rig_simulated")
     query = (
         select(*selected("trials", "subject", "correct_response", "response", *felt))
         .select_from(TRIALS)

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.experiment.store.stored_runs import StoredIntervals, StoredRun
+from tactuator.experiment.store.stored_runs import PROGRAMS, StoredIntervals, StoredRun
 from tactuator.experiment.trial import Timing
 from tactuator.signals.decibels import from_db
 from tactuator.signals.spectra import nearest_mains
@@ -126,7 +126,6 @@ _MAINS_HZ = (50.0, 60.0)
 _FELT_RE_THRESHOLD_DB = -10.0
 _STEADY_VARIATION_MAX = 0.5
 """Largest standard deviation over mean of a hum's power from interval to interval; that of noise is 1."""
-_SIMULATED_RIGS = ("simulated", "in-process")
 
 
 def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
@@ -149,5 +148,4 @@ def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, thre
 
 def was_simulated(group: str, run: Any) -> bool:
     """Return whether nobody felt a run: the subject (of that group) or the display of the run's row was simulated."""
-    nobody = run.respondent in ("simulated", "script") or group == "simulated"
-    return nobody or bool(run.rig_simulated) or str(run.rig).partition(":")[0] in _SIMULATED_RIGS
+    return group == "simulated" or run.respondent in PROGRAMS or bool(run.rig_simulated)

@@ -118,7 +118,6 @@ class RecognitionTask(SessionTask):
     def load(
         cls, protocol: RecognitionProtocol, beside: Path, apparatus: Apparatus, words: Words | None = None
     ) -> Self:
-        """Return the task with its items read from files in `beside`. Raises BadInput as `load_items` does."""
         return cls(protocol, apparatus, words or shipped_words("en"), load_items(protocol, beside, apparatus.rig))
 
     @property
@@ -137,7 +136,6 @@ class RecognitionTask(SessionTask):
 
     @property
     def rules(self) -> Rules:
-        """Return the rules of a session, as the protocol has them; a block that was interrupted may always go on."""
         session = self.protocol.session
         return Rules(
             feedback_s=self.protocol.recognition.feedback_s,
@@ -147,11 +145,9 @@ class RecognitionTask(SessionTask):
         )
 
     def enrol(self, connection: Connection, study: int) -> None:
-        """Store the items. Raises BadInput where they are not those that the study began with."""
         keep_items(connection, study, self.protocol, self.items)
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """Return the number of trials of a block, and how many seconds one of them plays."""
         asking, rate_hz = self.protocol.recognition, self.apparatus.rig.rate_hz
         intervals = 1 if asking.paradigm == "recognition" else 3
         longest_s = max(len(item.reference) for item in self.items.values()) / rate_hz
@@ -159,7 +155,6 @@ class RecognitionTask(SessionTask):
         return planned.typical_trials, played_s + (asking.feedback_s if planned.feedback else 0.0)
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> BlockState:
-        """Return the state of a block at its first trial."""
         which = (subject, planned.position, attempt, visit)
         labels = tuple(choice.response for choice in self.question.choices)
         criterion = self.protocol.block[planned.position].criterion
@@ -183,7 +178,6 @@ class RecognitionTask(SessionTask):
         return PlayedTrial(trial, records, presented, rig_tick=shown.rig_tick, lasted_s=shown.lasted_s)
 
     def envelope(self, trial: Trial, interval: int) -> Envelope:
-        """Return the envelope of an interval: the largest of all channels in each step."""
         reference = self.items[trial.stimuli[interval]].reference
         step = max(1, round(Envelope.STEP_S * self.apparatus.rig.rate_hz))
         peaks = np.maximum.reduceat(np.abs(reference).max(axis=1), np.arange(0, len(reference), step))
@@ -219,21 +213,17 @@ class BlockState(TaskState):
 
     @property
     def share_done(self) -> float:
-        """The share of the block's trials that are answered."""
         return self.trials / len(self.planned_trials)
 
     def draw(self, number: int) -> Trial | None:
-        """Return the planned trial, or None at the end."""
         return None if number == len(self.planned_trials) else self.planned_trials[number]
 
     @property
     def passed(self) -> bool:
-        """False for a training block that is over and has not met its criterion, True otherwise."""
         right = sum(correct for *_, correct in self.answered)
         return self.criterion is None or not self.answered or right >= self.criterion * self.trials
 
     def picture(self) -> Picture:
-        """Return the block's confusion matrix so far."""
         counts = np.zeros((len(self.labels), len(self.labels)), dtype=np.int64)
         for trial, response, _ in self.answered:
             counts[self.labels.index(trial.correct), self.labels.index(response)] += 1

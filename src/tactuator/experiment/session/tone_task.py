@@ -70,13 +70,11 @@ class ToneTask(SessionTask):
         raise NotImplementedError
 
     def expected(self, planned: PlannedRun) -> tuple[float, float]:
-        """Return the approximate number of trials of a run, and how many seconds one of them plays."""
         hertz, timing = planned.frequency_hz or self.apparatus.middle_hz, self.protocol.timing
         played_s = timing.played_s(hertz, max(len(self.question.intervals), 1), self.protocol.marks)
         return planned.typical_trials, played_s + self.rules.feedback_s
 
     def play(self, following: NextTrial, watch: Watch, halted: Callable[[], bool], presented: datetime) -> PlayedTrial:
-        """Play the trial's tones, each on the channel of its finger."""
         timing, trial = self.protocol.timing, following.trial
         presenter = Presenter(self.apparatus.rig, watch, halted, self.protocol.marks)
         references = [self.reference(following, interval) for interval in range(len(trial.tones))]
@@ -116,7 +114,6 @@ class ToneTask(SessionTask):
         return at.record(label, tone.level_db_sl, None if hidden else measured, column)
 
     def envelope(self, trial: Trial, interval: int) -> Envelope:
-        """Return the envelope of an interval: of its strongest tone in each step."""
         tones, timing, step_s = trial.tones[interval], self.protocol.timing, Envelope.STEP_S
         ends = [tone.onset_s + tone.lasts_s(timing) for tone in tones]
         levels = np.full(max(1, round(max(ends) / step_s)), Envelope.SILENT_DB_SL)
@@ -150,28 +147,23 @@ class JudgingTask(ToneTask):
 
     @property
     def question(self) -> Question:
-        """The question of every trial."""
         asked = self.protocol.task.asked(self.words)
         choices = tuple(OfferedResponse(response, keys) for response, keys in asked.responses)
         return Question(asked.prompt, choices, asked.intervals)
 
     @property
     def rules(self) -> Rules:
-        """The rules of a session, as the protocol has them."""
         session = self.protocol.session
         return Rules.of(session, self.protocol.timing.feedback_s if session.feedback else 0.0)
 
     def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
-        """Return the fingers of the task."""
         return self.protocol.task.fingers_used()
 
     def answer_of(self, who: Listener, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
-        """Return the task's response to strengths as that person judges them."""
         hertz = np.array([tones[0].frequency_hz for tones in trial.tones])
         return self.protocol.task.response_to(trial, who.judge(felt_db_re_1um, hertz, rng).tolist())
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> TaskState:
-        """Return the state of a run at its beginning."""
         seed = self.protocol.run_seed(subject, planned.position, attempt, visit)
         state = self.protocol.task.begin(planned.part, self.place, seed)
         if planned.practice:
@@ -179,7 +171,6 @@ class JudgingTask(ToneTask):
         return state
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
-        """Return what the answers of the runs that are done come to. Raises BadInput where there is none."""
         runs = answered_runs(store, self.protocol.task.kind, session=session)
         notes = (self.words("results.simulated"),) if any(run.simulated for run in runs) else ()
         tables = self.protocol.task.results(runs, self.words)
@@ -224,7 +215,6 @@ class DetectionTask(ToneTask):
 
     @property
     def question(self) -> Question:
-        """The question of every trial, with one key for each interval."""
         responses = self.protocol.paradigm.responses
         choices = tuple(OfferedResponse(response, (response,)) for response in responses)
         if self.protocol.paradigm.yes_no:
@@ -233,7 +223,6 @@ class DetectionTask(ToneTask):
 
     @property
     def rules(self) -> Rules:
-        """The rules of a session, as the protocol has them."""
         return Rules.of(self.protocol.session, self.protocol.timing.feedback_s)
 
     def enrol(self, connection: Connection, study: int) -> None:
@@ -245,18 +234,15 @@ class DetectionTask(ToneTask):
                 keep_off_mains(frequency, self.apparatus.playable(timing), timing)
 
     def answer_of(self, who: Listener, trial: Trial, felt_db_re_1um: FloatArray, rng: np.random.Generator) -> str:
-        """Return the interval that the person picks."""
         return trial.responses[who.respond(felt_db_re_1um, trial.tones[0][0].frequency_hz, rng)]
 
     def begin(self, planned: PlannedRun, subject: int, visit: int = 1, attempt: int = 0) -> DetectionState:
-        """Return the state of a run at its beginning, with a fresh procedure."""
         protocol, playable = self.protocol, self.apparatus.playable(self.protocol.timing)
         procedure = protocol.begin_practice() if planned.practice else protocol.begin(playable)
         seed = protocol.run_seed(subject, planned.position, attempt, visit)
         return DetectionState(seed, protocol, planned, procedure)
 
     def reference(self, following: NextTrial, interval: int) -> FloatArray:
-        """Return the reference of an interval with the masker, (n, channels), threshold units."""
         reference, masker = super().reference(following, interval), self.protocol.masker
         if masker is not None:
             rng, rig = trial_rng((*following.seed, 2, interval), following.trial.number), self.apparatus.rig
@@ -266,7 +252,6 @@ class DetectionTask(ToneTask):
         return reference
 
     def results(self, store: Store, session: int) -> tuple[ResultTable, ...]:
-        """Return the thresholds of the runs that are done. Raises BadInput where there is none."""
         return (threshold_table(thresholds(detection_runs(store, session=session)), self.words),)
 
 
@@ -280,12 +265,10 @@ class DetectionState(TaskState):
 
     @property
     def share_done(self) -> float:
-        """The progress of the procedure."""
         return self.procedure.progress()
 
     @property
     def passed(self) -> bool:
-        """False for practice that has not met its criterion, True otherwise."""
         return self.procedure.passed
 
     def draw(self, number: int) -> Trial | None:
@@ -302,10 +285,8 @@ class DetectionState(TaskState):
         return self.protocol.paradigm.trial(number, self.planned.finger, placement, self.seed, label)
 
     def learn(self, trial: Trial, response: str, correct: bool) -> None:
-        """Move the procedure on, unless it was a catch trial."""
         if SIGNAL in trial.stimuli:
             self.procedure.record(correct)
 
     def picture(self) -> Picture:
-        """Return the level and outcome of every trial, or what else the procedure draws."""
         return {**super().picture(), **self.procedure.picture()}

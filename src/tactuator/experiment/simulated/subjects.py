@@ -167,7 +167,6 @@ class AtRig(Respondent):
         self._ports: list[tuple[Finger, Callable[[FloatArray], None]]] = []
 
     def begin(self, following: NextTrial) -> None:
-        """Put the fingers on the display."""
         self.leave()
         self._seed, apparatus = following.seed, self.task.apparatus
         for finger in self.task.fingers(following.planned):
@@ -178,11 +177,9 @@ class AtRig(Respondent):
             self._ports.append((port, feel))
 
     def presented(self, played: PlayedTrial) -> None:
-        """Keep the trial's intervals as they were played."""
         self._played = played
 
     def respond(self, trial: Trial) -> str:
-        """Return the answer to what was felt, and forget that."""
         felt = {finger: np.concatenate(parts) for finger, parts in self._felt_mm.items()}
         for parts in self._felt_mm.values():
             parts.clear()
@@ -225,7 +222,6 @@ class ErringRespondent(Respondent):
             raise BadInput(f"error rate {self.error:g}", "0 to 1")
 
     def respond(self, trial: Trial) -> str:
-        """Return the right answer or, at the error rate, another."""
         if self.rng.random() >= self.error:
             return trial.correct
         others = [response for response in trial.responses if response != trial.correct]

@@ -52,6 +52,8 @@ def _dictionary() -> dict[str, tuple[Column, ...]]:
 
 COLUMNS: Mapping[str, tuple[Column, ...]] = _dictionary()
 """The dictionary: columns by their table."""
+PROGRAMS = ("simulated", "script")
+"""Respondents that are programs."""
 TRIALS = schema.ANSWERED.outerjoin(
     schema.protocol_version, schema.run.c.protocol_version_id == schema.protocol_version.c.id
 )

@@ -76,7 +76,6 @@ class Discrimination(Task):
         return procedure.below(20.0 * float(np.log10(max(COMFORT_DB_SL - level_db_sl, 1.0))))
 
     def asked(self, words: Words) -> TaskPrompt:
-        """Return the question of what differs."""
         prompt = words(f"prompt.{_PROMPTS[self.of]}")
         if self.of == "order":
             return TaskPrompt(prompt, tuple((finger, (str(1 + place),)) for place, finger in enumerate(self.fingers)))
@@ -84,7 +83,6 @@ class Discrimination(Task):
         return TaskPrompt(prompt, tuple((name, (name,)) for name in names), names)
 
     def fingers_used(self) -> tuple[str, ...]:
-        """Return the fingers."""
         return self.fingers
 
     def _cells(self) -> list[tuple[str, float, float]]:
@@ -94,7 +92,6 @@ class Discrimination(Task):
         ]
 
     def plans(self, words: Words) -> tuple[Planned, ...]:
-        """Return a run for each finger, frequency and level."""
         return tuple(
             Planned(
                 finger,
@@ -106,19 +103,16 @@ class Discrimination(Task):
         )
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> DiscriminationRun:
-        """Return a fresh run."""
         finger, hertz, level = self._cells()[index]
         procedure = self.rule(level).begin(self.guess, place.playable)
         return DiscriminationRun(seed, self, finger, hertz, level, place, procedure)
 
     def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
-        """Return the interval that feels strongest; BadInput where another difference is asked for."""
         if self.of != "amplitude":
             return super().response_to(trial, felt_db_sl)
         return trial.responses[int(np.argmax(felt_db_sl))]
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
-        """Return the just-noticeable differences."""
         heads = (
             *(words(f"results.{key}") for key in ("subject", "finger", "hertz")),
             "dB SL",
@@ -175,11 +169,9 @@ class DiscriminationRun(TaskState):
 
     @property
     def share_done(self) -> float:
-        """The procedure's progress."""
         return self.procedure.progress()
 
     def draw(self, number: int) -> Trial | None:
-        """Return the trial where the procedure puts it, or None when the run is over."""
         placement = self.procedure.placement()
         if placement is None:
             return None
@@ -202,7 +194,6 @@ class DiscriminationRun(TaskState):
         return Trial.of(number, intervals, names, names[target], at)
 
     def learn(self, trial: Trial, response: str, correct: bool) -> None:
-        """Move the procedure on."""
         self.procedure.record(correct)
 
     def _tone(self, role: str, finger: str | None = None, level: float | None = None) -> Tone:

@@ -44,11 +44,9 @@ class MagnitudeEstimation(Task):
     repeats: Annotated[Whole, Field(ge=1, le=100, description="of every tone")] = 3
 
     def asked(self, words: Words) -> TaskPrompt:
-        """Return that a number is asked for."""
         return TaskPrompt(words("prompt.magnitude"))
 
     def fingers_used(self) -> tuple[str, ...]:
-        """Return the finger."""
         return (self.finger,)
 
     @property
@@ -58,11 +56,9 @@ class MagnitudeEstimation(Task):
         return tuple(Tone(_ROLE, self.finger, hertz, level) for hertz, level in cells)
 
     def plans(self, words: Words) -> tuple[Planned, ...]:
-        """Return one run of all tones."""
         return (Planned(self.finger, None, words("run.magnitudes"), float(len(self.tones) * self.repeats)),)
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> EstimationRun:
-        """Return a fresh run."""
         return EstimationRun(seed, self)
 
     def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
@@ -70,7 +66,6 @@ class MagnitudeEstimation(Task):
         return f"{10.0 ** (_EXPONENT * felt_db_sl[0] / 20.0):.3g}"
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
-        """Return geometric means and exponents."""
         heads = tuple(words(f"results.{key}") for key in ("hertz", "exponent", "trials"))
         magnitude = magnitudes(runs)
         rows = tuple((f"{each.frequency_hz:.4g}", f"{each.exponent:.2f}", str(each.estimates)) for each in magnitude)
@@ -104,11 +99,9 @@ class EstimationRun(TaskState):
 
     @property
     def share_done(self) -> float:
-        """The share of the trials done."""
         return self.trials / (len(self.task.tones) * self.task.repeats)
 
     def draw(self, number: int) -> Trial | None:
-        """Return the next tone, or None when the run is over."""
         tones = self.task.tones
         block, place = divmod(number, len(tones))
         if block >= self.task.repeats:

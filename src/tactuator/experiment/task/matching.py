@@ -102,11 +102,9 @@ class Matching(Task):
                     yield level, swapped, above
 
     def asked(self, words: Words) -> TaskPrompt:
-        """Return which interval was stronger."""
         return TaskPrompt(words("prompt.stronger"), tuple((name, (name,)) for name in INTERVALS), INTERVALS)
 
     def fingers_used(self) -> tuple[str, ...]:
-        """Return the standard's finger and those of comparisons."""
         return tuple(dict.fromkeys((self.finger, *self.fingers_compared)))
 
     def _cells(self) -> list[tuple[str, float | None]]:
@@ -114,7 +112,6 @@ class Matching(Task):
         return [(finger, hertz) for finger in self.fingers_compared for hertz in frequencies]
 
     def plans(self, words: Words) -> tuple[Planned, ...]:
-        """Return a run for each finger, and of pairs for each frequency."""
         return tuple(
             Planned(
                 finger,
@@ -126,7 +123,6 @@ class Matching(Task):
         )
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> ContourRun | PairsRun:
-        """Return a fresh run."""
         finger, hertz = self._cells()[index]
         if hertz is None:
             return ContourRun(seed, self, finger, self._candidates(place))
@@ -185,7 +181,6 @@ class Matching(Task):
         return replace(self.setting, curve=curve)
 
     def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
-        """Return the interval that feels strongest."""
         return trial.responses[int(np.argmax(felt_db_sl))]
 
     def results(self, runs: Sequence[AnsweredRun], words: Words) -> tuple[ResultTable, ...]:
@@ -254,11 +249,9 @@ class ContourRun(TaskState):
 
     @property
     def share_done(self) -> float:
-        """The share of the trials done."""
         return self.trials / self.task.trials
 
     def draw(self, number: int) -> Trial | None:
-        """Return the most telling match, or None when the run is over."""
         if number >= self.task.trials:
             return None
         turn = self._in_turn(7, 4, number)
@@ -274,7 +267,6 @@ class ContourRun(TaskState):
         return int(trial_rng((*self.seed, draw), block).permutation(count)[place])
 
     def learn(self, trial: Trial, response: str, correct: bool) -> None:
-        """Learn the response."""
         self.rows.append(self.task.row([interval[0] for interval in trial.tones], correct))
         self.known = fit(FREE, self.task.setting, Matches.of(self.rows), start=self.known.place, steps=_STEPS)
 
@@ -304,11 +296,9 @@ class PairsRun(TaskState):
 
     @property
     def share_done(self) -> float:
-        """The mean progress of the tracks."""
         return float(np.mean([track.progress() for _, _, track in self.tracks]))
 
     def draw(self, number: int) -> Trial | None:
-        """Return the next match of a track that is drawn, or None when all are over."""
         which = self._drawn(number)
         if which is None:
             return None
@@ -326,7 +316,6 @@ class PairsRun(TaskState):
         return going[int(trial_rng((*self.seed, 8), number).integers(len(going)))] if going else None
 
     def learn(self, trial: Trial, response: str, correct: bool) -> None:
-        """Move the track on."""
         which = self._drawn(trial.number)
         assert which is not None
         _, swapped, track = self.tracks[which]
