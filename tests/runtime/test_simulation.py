@@ -171,7 +171,6 @@ REFUSED = [
     (lambda: Simulation(display()).load(controller(display(channel()))), "channels index; allowed: index, thumb, mid"),
     (lambda: Simulation(display()).load(controller(display(rate_hz=8000.0))), "8000 Hz and a delay of 1; allowed: 400"),
     (lambda: Simulation(display()).drive(np.zeros((10, 3)), np.zeros((9, 3))), "force has 9 samples; allowed: 10"),
-    (lambda: Simulation(display()).touch(0, "fist"), "load 'fist' is not described; allowed: none, finger"),
     (lambda: Simulation(display(), -1), "allowed: 0 to 4294967295"),
     (lambda: Simulation(display(), 2**32), "allowed: 0 to 4294967295"),
     (lambda: Simulation(display(channel(environment=MANY))), "9 lines of hum; allowed: at most 8"),

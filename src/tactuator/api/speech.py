@@ -4,7 +4,6 @@ import select
 import signal
 import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -32,6 +31,7 @@ from tactuator.io.reference import open_reference
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.player import Played, Wish, play_reference
+from tactuator.rig.simulated import PacedRig
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.folder import RenderedFolder, render_folder, workers_of
@@ -312,15 +312,9 @@ def play(
         ready.load(loaded)
         if isinstance(ready, SoundRig):
             ready.allow_gaps = True  # a listener hears one; it is counted and told
-        pace = _pace() if realtime else lambda played_s: None
-        played = play_reference(ready, source, wish, step, pace)
+        played = play_reference(PacedRig(ready) if realtime else ready, source, wish, step)
         gaps = ready.gaps if isinstance(ready, SoundRig) else None
     return PlayedResult(Path(reference), rig if isinstance(rig, str) else type(rig).__name__, played, gaps)
-
-
-def _pace() -> Callable[[float], None]:
-    begun = time.monotonic()
-    return lambda played_s: time.sleep(max(0.0, begun + played_s - time.monotonic()))
 
 
 @contextmanager

@@ -128,7 +128,7 @@ class Presenter:
         trace = join_traces(self._played(stretch, edges, lates), self.rig.rate_hz, self.rig.channels)
         rate_hz = self.rig.rate_hz
         intervals = tuple(
-            PlayedInterval(trace.part(onset, onset + len(reference)), onset / rate_hz, len(reference) / rate_hz, late)
+            PlayedInterval(trace[onset : onset + len(reference)], onset / rate_hz, len(reference) / rate_hz, late)
             for reference, onset, late in zip(references, onsets, lates, strict=True)
         )
         tick = self.rig.began_at

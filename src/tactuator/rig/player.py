@@ -56,19 +56,18 @@ def play_reference(
     reference: ReferenceFile,
     wish: Callable[[], Wish] = lambda: "run",
     progress: Callable[[float], None] = lambda done_s: None,
-    pace: Callable[[float], None] = lambda played_s: None,
 ) -> Played:
     """Play `reference` on a loaded rig; however it ends, by its end, a stop or a fault, the rig is put to rest.
 
     wish is asked before every 50 ms that are fed: at "pause" the signal is ramped down over 100 ms and the display held
     until "run" ramps it up again where it was; at "stop" it is ramped down and that is the end. A board is fed ahead of
-    what it plays (STREAM_LEAD_S of rig.board.rig), and a wish comes later by that. progress and pace are called with
-    the seconds gone by.
+    what it plays (STREAM_LEAD_S of rig.board.rig), and a wish comes later by that. progress is called with the seconds
+    that are done.
     """
     columns = check_reference(reference, rig)
     player = _Player(rig, reference, columns)
     try:
-        return player.run(wish, progress, pace)
+        return player.run(wish, progress)
     finally:
         rig.rest()
 
@@ -83,7 +82,7 @@ class _Player:
         self._played = self._paused = 0
         self._stopped = False
 
-    def run(self, wish: Callable[[], Wish], progress: Callable[[float], None], pace: Callable[[float], None]) -> Played:
+    def run(self, wish: Callable[[], Wish], progress: Callable[[float], None]) -> Played:
         rate = self._rig.rate_hz
         gone = saturated = 0
         done = 0.0
@@ -92,7 +91,6 @@ class _Player:
             saturated += int(trace.saturated.any(axis=1).sum())
             done = max(done, min(self._played, gone - self._paused) / rate)
             progress(done)
-            pace(gone / rate)
         times = (self._reference.duration_s, self._played / rate, self._paused / rate)
         return Played(*times, self._stopped, saturated / rate)
 

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,9 +143,8 @@ class Trace:
         """Return the time of each sample in seconds from the block's first instant, shape (n,)."""
         return np.arange(len(self)) / self.rate_hz
 
-    def part(self, start: int, stop: int) -> Trace:
-        """Return the part from sample start to sample stop."""
-        return Trace(self.rate_hz, self.channels, *(getattr(self, name)[start:stop] for name in _ARRAYS))
+    def __getitem__(self, rows: slice) -> Trace:
+        return Trace(self.rate_hz, self.channels, *(getattr(self, name)[rows] for name in _ARRAYS))
 
     def equals(self, other: Trace) -> bool:
         """Return whether every array is the other's, bit for bit."""
@@ -163,14 +162,28 @@ def recut_traces(traces: Iterable[Trace], lengths: Iterable[int]) -> Iterator[Tr
     source = iter(traces)
     kept: list[Trace] = []
     for length in lengths:
-        while sum(len(trace) for trace in kept) < length:
+        while sum(map(len, kept)) < length:
             following = next(source, None)
             if following is None:
                 return
             kept.append(following)
-        whole = kept[0] if len(kept) == 1 else join_traces(kept, kept[0].rate_hz, kept[0].channels)
-        yield whole.part(0, length)
-        kept = [whole.part(length, len(whole))] if len(whole) > length else []
+        rate_hz, channels = kept[0].rate_hz, kept[0].channels
+        yield join_traces(take_rows(kept, length), rate_hz, channels)
+
+
+Cut = TypeVar("Cut", Trace, NDArray[np.float32])
+
+
+def take_rows(blocks: list[Cut], count: int) -> list[Cut]:
+    """Take the first `count` rows off blocks, or all that there are, and return them in pieces."""
+    taken: list[Cut] = []
+    while blocks and count > 0:
+        block = blocks.pop(0)
+        taken.append(block[:count])
+        if len(block) > count:
+            blocks.insert(0, block[count:])
+        count -= len(taken[-1])
+    return taken
 
 
 def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ...]) -> Trace:

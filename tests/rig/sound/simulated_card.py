@@ -1,14 +1,12 @@
-"""A sound card without hardware: a JACK server of our own with simulated exciters on it, for the length of a context.
+"""A sound card without hardware: a JACK server of our own with wires on it, for the length of a context.
 
-`python -m tests.rig.sound.simulated_card SETTINGS.json` is the exciters' program, a client of the server. Each has a
-port that drives it, one of its accelerometer and one that tells its displacement: the ports of a client are a device
-for PortAudio. An exciter that is null is a wire.
+`python -m tests.rig.sound.simulated_card SERVER NAME COUNT` is the wires' program, a client of the server: the ports of
+a client are a device for PortAudio.
 """
 
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import subprocess
 import sys
@@ -17,14 +15,10 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tactuator.rig.sound.cards import leave_library
-from tests.rig.sound.exciter import Exciter, RunningExciter
 
 ROOT = Path(__file__).parents[3]
 RATE_HZ = 48000.0
@@ -35,30 +29,16 @@ PRIORITY = 20
 _SERVERS = 6
 
 
-@dataclass
-class SimulatedCard:
-    """A running server with its client. name: the server's; device: what PortAudio calls the exciters."""
-
-    name: str
-    device: str
-    server: subprocess.Popen[bytes]
-    client: subprocess.Popen[bytes]
-
-
 @contextmanager
-def simulated_card(exciters: Sequence[Exciter | None], period: int = PERIOD, seed: int = 0) -> Iterator[SimulatedCard]:
-    """Yield a sound card with an exciter (None: a wire) between each output and input; both programs are ended at the
-    end of the context.
+def simulated_card(count: int, period: int = PERIOD) -> Iterator[subprocess.Popen[bytes]]:
+    """Yield the server of a sound card with a wire from each output to its input; both programs are ended at the end of
+    the context.
 
     The server is this process's default one meanwhile: PortAudio must not have been asked for before.
     """
     assert "sounddevice" not in sys.modules, "PortAudio has looked for its servers before"
-    documents = [None if exciter is None else asdict(exciter) for exciter in exciters]
-    with _server_name() as (name, lock), tempfile.TemporaryDirectory() as folder:
+    with _server_name() as (name, lock):
         os.environ |= {"JACK_DEFAULT_SERVER": name, "JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
-        file, device = Path(folder) / "exciters.json", f"{name}-exciters"
-        settings = {"server": name, "client": device, "seed": seed, "exciters": documents}
-        file.write_text(json.dumps(settings), encoding="utf-8")
         dummy = ["-d", "dummy", "-r", f"{RATE_HZ:g}", "-p", str(period), "-w", str(round(1e6 * period / RATE_HZ))]
         server = subprocess.Popen(
             ["jackd", "-n", name, *_schedule(), "-m", "-T", "-t", "5000", *dummy, "-C", "2", "-P", "2"],
@@ -66,8 +46,8 @@ def simulated_card(exciters: Sequence[Exciter | None], period: int = PERIOD, see
         )  # fmt: skip
         client: subprocess.Popen[bytes] | None = None
         try:
-            client = _started_client(file)
-            yield SimulatedCard(name, device, server, client)
+            client = _started_client(name, f"{name}-wires", str(count))
+            yield server
         finally:
             leave_library()
             for process in (client, server):
@@ -95,7 +75,7 @@ def _server_name() -> Iterator[tuple[str, int]]:
 
 def _schedule() -> list[str]:
     """Return the server's options for realtime priority where this program may ask for it: then neither the server nor
-    the exciters are late on a machine that has much to do.
+    the wires are late on a machine that has much to do.
     """
     allowed: list[bool] = []
 
@@ -112,9 +92,9 @@ def _schedule() -> list[str]:
     return ["-R", "-P", str(PRIORITY)] if allowed else ["-r"]
 
 
-def _started_client(settings: Path) -> subprocess.Popen[bytes]:
+def _started_client(*arguments: str) -> subprocess.Popen[bytes]:
     client = subprocess.Popen(
-        [sys.executable, "-m", "tests.rig.sound.simulated_card", str(settings)],
+        [sys.executable, "-m", "tests.rig.sound.simulated_card", *arguments],
         cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     assert client.stdout is not None
@@ -143,27 +123,16 @@ def main(arguments: Sequence[str]) -> None:
     """Run until the server ends or standard input is closed."""
     import jack
 
-    settings: dict[str, Any] = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
+    server, name, count = arguments
     jack.set_error_function(lambda text: None)
-    client = opened(jack, settings["client"], settings["server"])
-    rng = np.random.default_rng(settings["seed"])
-    running = [
-        None if exciter is None else RunningExciter(Exciter(**exciter), float(client.samplerate), rng)
-        for exciter in settings["exciters"]
-    ]
-    count = len(running)
-    drives = [client.inports.register(f"drive_{k + 1}") for k in range(count)]
-    ports = [client.outports.register(f"sensor_{k + 1}") for k in range(count)]
-    ports += [client.outports.register(f"felt_{k + 1}") for k in range(count)]
+    client = opened(jack, name, server)
+    wires = [(client.inports.register(f"in_{k}"), client.outports.register(f"out_{k}")) for k in range(int(count))]
     over = threading.Event()
 
     @client.set_process_callback  # type: ignore[untyped-decorator]
     def process(frames: int) -> None:
-        for k, exciter in enumerate(running):
-            share = drives[k].get_array().astype(np.float64)
-            heard, moved = (share, share) if exciter is None else exciter.answer(share)
-            ports[k].get_array()[:] = heard
-            ports[count + k].get_array()[:] = moved
+        for taken, given in wires:
+            given.get_array()[:] = taken.get_array()
 
     @client.set_shutdown_callback  # type: ignore[untyped-decorator]
     def shutdown(status: object, reason: str) -> None:

@@ -29,8 +29,8 @@ from tactuator.rig.board.link import (
     TraceRows,
     understood,
 )
-from tactuator.rig.board.stream import LONGEST_S, BoardStream, BoardTone, Rows, read_run, stimulus_payloads, take_rows
-from tactuator.rig.rig import Finger, Rig, Trace, column_of, join_traces
+from tactuator.rig.board.stream import LONGEST_S, BoardStream, BoardTone, Rows, read_run, stimulus_payloads
+from tactuator.rig.rig import Finger, Rig, Trace, column_of, join_traces, take_rows
 from tactuator.rig.transport import LinkDown
 from tactuator.runtime.image import build_image
 from tactuator.runtime.safety_table import safety_bytes
@@ -147,11 +147,7 @@ class BoardRig(Rig):
         parts = read_run(self.client, self._run, soft, count, len(self.channels), self._fingers, self._sleep)
         waiting = [asked]
         try:
-            return join_traces(
-                (self._trace(part, take_rows(waiting, len(part.flags)), False) for part in parts),
-                self.rate_hz,
-                self.channels,
-            )
+            return join_traces((self._trace(part, waiting, False) for part in parts), self.rate_hz, self.channels)
         finally:
             self.rest()
 
@@ -280,7 +276,7 @@ class BoardRig(Rig):
                     if part is None:
                         yield join_traces([], self.rate_hz, self.channels)
                     else:
-                        yield self._trace(part, take_rows(asked, len(part.flags)), drives)
+                        yield self._trace(part, asked, drives)
             finally:
                 self.fed_to, self.began_at, self.rows_played = stream.end, stream.first, stream.rows_played
         except LinkDown:
@@ -289,7 +285,9 @@ class BoardRig(Rig):
             self.rest()
             raise
 
-    def _trace(self, part: TraceRows, asked: Rows, drives: bool) -> Trace:
+    def _trace(self, part: TraceRows, waiting: list[Rows], drives: bool) -> Trace:
+        """Return the trace of the next rows of what waits for its answer."""
+        asked = np.concatenate(take_rows(waiting, len(part.flags)))
         converters = [channel.converter for channel in self.display.channels]
         steps = np.array([converter.step_v for converter in converters])
         polarity = np.array([float(converter.polarity) for converter in converters])

@@ -187,18 +187,6 @@ class BoardStream:
         return status.stream_end
 
 
-def take_rows(blocks: list[Rows], count: int) -> Rows:
-    """Take the first `count` rows off a list of blocks and return them."""
-    taken = []
-    while count:
-        block = blocks.pop(0)
-        taken.append(block[:count])
-        if len(block) > count:
-            blocks.insert(0, block[count:])
-        count -= len(taken[-1])
-    return np.concatenate(taken)
-
-
 @dataclass(frozen=True)
 class BoardTone:
     """A sinusoid that begins at zero, with raised-cosine ramps. amplitude: threshold units, peak; start_s: after the

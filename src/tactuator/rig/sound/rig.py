@@ -19,7 +19,7 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.requirements import SoundCard
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.rig.rig import COMFORT_TOLERANCE, Rig, Trace, join_traces
+from tactuator.rig.rig import COMFORT_TOLERANCE, Rig, Trace, join_traces, take_rows
 from tactuator.rig.sound.cards import find_card, list_cards, sound_name
 from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
@@ -253,13 +253,7 @@ class SoundRig(Rig):
 
     def _answered(self, asked: list[Trace], taken: Rows) -> Trace:
         """Take the oldest rows off `asked`, as many as were taken in, (n, inputs), and return them with those."""
-        parts: list[Trace] = []
-        while asked and (missing := len(taken) - sum(map(len, parts))):
-            piece = asked.pop(0)
-            parts.append(piece.part(0, missing))
-            if len(piece) > missing:
-                asked.insert(0, piece.part(missing, len(piece)))
-        answered = join_traces(parts, self.rate_hz, self.channels)
+        answered = join_traces(take_rows(asked, len(taken)), self.rate_hz, self.channels)
         position_v, saturated = np.zeros(answered.reference.shape), answered.saturated.copy()
         for column, wires in enumerate(self._card.wires):
             if wires.input:
