@@ -350,9 +350,7 @@ def store_results(
     takes it. Raises BadInput where there are no such runs, or runs that stand on several curves and no reference.
     """
     with closing(Store(store_path, must_exist=True)) as store:
-        runs = tuple(run for run in detection_runs(store) if group is None or run.session.subject_group == group)
-    if not runs:
-        raise BadInput(f"store {store_path} has no run of group {group!r}", "a group that took part")
+        runs = tuple(detection_runs(store, group=group))
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
         raise BadInput(f"runs stand on the curves {', '.join(names)}", "--reference to name the one to extend by")

@@ -70,14 +70,19 @@ class Acknowledged:
     again: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass
 class RunTally:
-    """Progress of a planned run; state: as in the store, or `planned`."""
+    """Progress of a planned run, of several attempts the last; state: as in the store, or `planned`."""
 
     planned: PlannedRun
-    state: str
-    answered: int
-    correct: int
+    state: str = "planned"
+    answered: int = 0
+    correct: int = 0
+
+    @property
+    def over(self) -> bool:
+        """Return whether nothing of it is left to do."""
+        return self.state in ("done", "stopped")
 
 
 @dataclass
@@ -113,9 +118,10 @@ class Session:
     """One visit of a subject.
 
     row: the session's in the store. subject: who it is, as events have it. version: of the protocol that the task is
-    of. visit: who answers. pending: the trial that was played and waits for its answer, or None. failed_practice: the
-    run that waits until the experimenter says how it goes on, or None. ended: how the session ended before its time
-    (declined, withdrawn, withdrawn-discard), or None. Raises BadInput where the store's trials do not replay.
+    of. visit: who answers. tally: every planned run with its answered and right trials. pending: the trial that was
+    played and waits for its answer, or None. failed_practice: the run that waits until the experimenter says how it
+    goes on, or None. ended: how the session ended before its time (declined, withdrawn, withdrawn-discard), or None.
+    Raises BadInput where the store's trials do not replay.
     """
 
     def __init__(
@@ -139,8 +145,7 @@ class Session:
         self._rested_since_s = 0.0
         self._trial_since_s: float | None = None
         self._running: Running | None = None
-        self._states: dict[int, str] = {}
-        self._tally: dict[int, tuple[int, int]] = {}
+        self.tally = tuple(map(RunTally, self.runs))
         self._consented = self._introduced = False
         self.trials = self._since_break = 0
         self._load()
@@ -163,9 +168,10 @@ class Session:
         last = max((tally.last_utc for tally in tallies.values()), default=None)
         self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
         for run in runs:
-            tally = tallies.get(run.id)
-            self._states[run.position] = run.state
-            self._tally[run.position] = (0, 0) if tally is None else (int(tally.answered), int(tally.right))
+            tally, answered = self.tally[run.position], tallies.get(run.id)
+            tally.state = run.state
+            if answered is not None:
+                tally.answered, tally.correct = int(answered.answered), int(answered.right)
         if going is not None:
             self._take_up(going, answers)
 
@@ -217,9 +223,7 @@ class Session:
     def time_left_s(self) -> float:
         """Return about how long the session still takes, breaks aside: what is planned, at the pace so far."""
         left_s, current = 0.0, self._running
-        for run in self.runs:
-            if self._is_over(run):
-                continue
+        for run in (tally.planned for tally in self.tally if not tally.over):
             trials, played_s = self.task.expected(run)
             if current is not None and current.planned is run:
                 trials = max(1.0, (1.0 - current.state.progress) * max(trials, float(current.state.trials)))
@@ -231,15 +235,12 @@ class Session:
         """Return the run that goes on, or the next to begin; None at the end."""
         if self._running is not None:
             return self._running.planned
-        return next((run for run in self.runs if not self._is_over(run)), None)
-
-    def _is_over(self, run: PlannedRun) -> bool:
-        return self._states.get(run.position) in ("done", "stopped")
+        return next((tally.planned for tally in self.tally if not tally.over), None)
 
     @property
     def progress(self) -> float:
         """Return the share of the whole session, 0 to 1; runs count by their trials where these are known before."""
-        done = sum(run.trials or 1.0 for run in self.runs if self._is_over(run))
+        done = sum(tally.planned.trials or 1.0 for tally in self.tally if tally.over)
         if self._running is not None:
             done += (self._running.planned.trials or 1.0) * self._running.state.progress
         return done / sum(run.trials or 1.0 for run in self.runs)
@@ -254,14 +255,6 @@ class Session:
         """Return what a page shows before the subject goes on: the stage and the introduction of the next run."""
         return self.stage, "" if self.upcoming is None else self.upcoming.introduction
 
-    @property
-    def tally(self) -> tuple[RunTally, ...]:
-        """Return every planned run with its answered and right trials; of several attempts, the last."""
-        return tuple(
-            RunTally(run, self._states.get(run.position, "planned"), *self._tally.get(run.position, (0, 0)))
-            for run in self.runs
-        )
-
     def next_trial(self) -> NextTrial:
         """Return the trial to present now; begins a run where none goes on, and again where it lay too long.
 
@@ -275,7 +268,7 @@ class Session:
             with self.store.read() as connection:
                 runs = records.latest_runs(connection, self.id)
             before = next((run for run in runs if run.position == upcoming.position), None)
-            known = self._states.get(upcoming.position)
+            known = self.tally[upcoming.position].state
             if before is not None and before.state != known and not self.store.is_file:
                 raise BadInput(f"the visit of {self.subject} goes on at another station", "that station")
             running = self._begin(upcoming, 0 if before is None else before.attempt + 1)
@@ -297,7 +290,8 @@ class Session:
             apparatus = self.task.apparatus.record(planned.finger)
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.visit, self.version, now)
             records.change_session(connection, self.id, protocol_version_id=self.version)
-        self._states[planned.position], self._tally[planned.position] = "running", (0, 0)
+        tally = self.tally[planned.position]
+        tally.state, tally.answered, tally.correct = "running", 0, 0
         self._running = self._new_running(row, planned, attempt)
         return self._running
 
@@ -360,8 +354,8 @@ class Session:
         if self._trial_since_s is not None:
             taken_s = running.last_heard_s - self._trial_since_s + self.task.rules.feedback_s
             self._pace.answered(taken_s, self.task.expected(running.planned)[1])
-        answered, right = self._tally[running.planned.position]
-        self._tally[running.planned.position] = (answered + 1, right + correct)
+        tally = self.tally[running.planned.position]
+        tally.answered, tally.correct = tally.answered + 1, tally.correct + correct
         self.trials += 1
         self._since_break += 1
         self._end_finished_run()
@@ -400,7 +394,7 @@ class Session:
 
     def _leave_run(self, state: str) -> None:
         assert self._running is not None
-        self._states[self._running.planned.position] = state
+        self.tally[self._running.planned.position].state = state
         self._running = self.pending = None
         self._introduced = False
 
@@ -472,7 +466,7 @@ class Session:
             row = next(run.id for run in runs if run.position == planned.position)
             records.end_run(connection, row, "stopped", self.clock.utc())
         if self._running is None:
-            self._states[planned.position], self.failed_practice = "stopped", None
+            self.tally[planned.position].state, self.failed_practice = "stopped", None
         else:
             self._leave_run("stopped")
 

@@ -170,7 +170,9 @@ response_option = _table(
     UniqueConstraint("study_id", "key"),
 )
 
-ANSWERED = study.join(subject).join(session).join(run).join(trial).join(response)
+RUNS = study.join(subject).join(session).join(run)
+"""Every run, with whose it is."""
+ANSWERED = RUNS.join(trial).join(response)
 """Every answered trial, with what it is of."""
 KEPT = session.c.ended.is_distinct_from("withdrawn-discard")
 """Holds of sessions whose answers may be used."""

@@ -113,15 +113,16 @@ class StoredRun:
     intervals: StoredIntervals
 
 
-def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
-    """Return the runs that are done in all the store's studies, or in one session, practice left out.
+def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
+    """Return the runs that are done in all the store's studies, or in one session or group of subjects.
 
-    Raises BadInput without any.
+    Practice and what was withdrawn are left out. Raises BadInput without any.
     """
     with store.read() as connection:
         protocols = stored_protocols(connection, Protocol)
         sessions = {row.id: row for row in connection.execute(session_query())}
-        done = select(schema.run).join(schema.session).where(*_done(FORCED_CHOICE, session)).order_by(*_IN_ORDER)
+        wanted = _done(FORCED_CHOICE, session, group)
+        done = select(schema.run).select_from(schema.RUNS).where(*wanted).order_by(*_IN_ORDER)
         rows = list(connection.execute(done))
         runs = []
         for first in range(0, len(rows), _RUNS):
@@ -135,22 +136,25 @@ def detection_runs(store: Store, session: int | None = None) -> list[StoredRun]:
                 frequency_hz, level, base, correct = trials.of(row.id)
                 runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
     if not rows:
-        raise _none(store.name, session, "done run")
+        raise _none(store, session, group, "done run")
     return runs
 
 
-def _done(paradigm: str, session: int | None) -> list[ColumnElement[bool]]:
+def _done(paradigm: str, session: int | None, group: str | None) -> list[ColumnElement[bool]]:
     """Return what holds of the runs that are done, practice and withdrawn sessions left out."""
     run = schema.run.c
     wanted = [schema.KEPT, run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
-    return wanted if session is None else [*wanted, run.session_id == session]
+    of_session = [] if session is None else [run.session_id == session]
+    return [*wanted, *of_session, *([] if group is None else [schema.subject.c.subject_group == group])]
 
 
 _IN_ORDER = (schema.run.c.session_id, schema.run.c.position, schema.run.c.attempt)
 
 
-def _none(store: str, session: int | None, what: str) -> BadInput:
-    return BadInput(f"{f'store {store}' if session is None else 'the session'} has no {what}", "one with at least one")
+def _none(store: Store, session: int | None, group: str | None, what: str) -> BadInput:
+    of_group = "" if group is None else f" of group {group!r}"
+    where = f"store {store.name}" if session is None else "the session"
+    return BadInput(f"{where} has no {what}{of_group}", "one with at least one")
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,9 +215,6 @@ def answered_runs(
 
     Practice and what was withdrawn are left out. Raises BadInput without any.
     """
-    wanted = _done(kind, session)
-    if group is not None:
-        wanted.append(schema.subject.c.subject_group == group)
     of_trials = ("subject", "finger", "trial", "level_db_sl", "frequency_hz", "curve_level_db_re_1um", "response")
     cells = [
         *selected("intervals", "run", "stimulus", "commanded_db_sl", "measured_db_sl", "simulated"),
@@ -223,13 +224,13 @@ def answered_runs(
     query = (
         select(*cells)
         .select_from(INTERVALS)
-        .where(*wanted)
+        .where(*_done(kind, session, group))
         .order_by(*_IN_ORDER, schema.trial.c.number, schema.interval.c.position)
     )
     with store.read() as connection:
         rows = list(connection.execute(query))
     if not rows:
-        raise _none(str(store.path), session, f"done run of {kind}")
+        raise _none(store, session, group, f"done run of {kind}")
     return tuple(_answered_run(list(of_run)) for _, of_run in groupby(rows, key=attrgetter("run")))
 
 
