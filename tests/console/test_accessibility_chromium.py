@@ -1,20 +1,17 @@
 """Every view of the console before axe-core (an npm package, unchanged; see docs/dependencies.md), in Chromium."""
 
-import re
 from pathlib import Path
 
 import pytest
 
 from tactuator.console.app import build_console
+from tactuator.console.connection import VIEWS
 from tactuator.console.state import ConsoleState
-from tactuator.io.shipped import EXAMPLES
 from tests.console.pages import TOKEN, go
 from tests.web.server import served
 
 HERE = Path(__file__).parent
 AXE = (HERE / "axe" / "axe.min.js").read_text("utf-8")
-STATIC = HERE.parents[1] / "src" / "tactuator" / "console" / "static"
-VIEWS = re.findall(r"^  (\w+): \{ title", (STATIC / "views.js").read_text("utf-8"), flags=re.MULTILINE)
 SOAK = pytest.mark.soak
 LAPTOP, PHONE = {"width": 1366, "height": 800}, {"width": 390, "height": 844}
 #: Every rule on a laptop, and the colours of the dark scheme on a phone; the soak has every rule and scheme on both.
@@ -26,8 +23,8 @@ CUT = """() => [...document.querySelectorAll(".tiles :is(dt, small), .factor inp
     .concat(document.documentElement.scrollWidth > innerWidth ? ["wider than the screen"] : [],
         document.querySelector(".plot, .maps")?.getBoundingClientRect().top > innerHeight - 150 ? ["no chart"] : [])"""
 """What is cut, and whether the first chart is in the first screen."""
-#: A file to drop on a view before it is looked at, and what is there then.
-FILLED = {"identify": ("bench.csv", "#tried"), "speech": ("speech.wav", "button.saving")}
+#: What is there once the example of an empty view was taken.
+FILLED = {"identify": "#tried", "speech": "button.saving"}
 
 
 @pytest.fixture
@@ -63,9 +60,8 @@ def opened(page, view):
             tiles(more, [{ name: "felt minus asked, lowest level", value: "-1 dB", allowed: "±1 dB", outcome: "met" }]);
             document.querySelector(".tiles").append(...more.children); }""")
     if view in FILLED:
-        name, there = FILLED[view]
-        page.locator("input[type=file]").first.set_input_files(EXAMPLES / name)
-        page.wait_for_selector(there)
+        page.locator("button.example").first.click()
+        page.wait_for_selector(FILLED[view])
 
 
 @pytest.mark.slow
@@ -75,7 +71,7 @@ def opened(page, view):
 )
 def test_every_view__on_laptop_and_phone__has_no_serious_fault(page, looks):
     found = {"start": told} if (told := faults(page, {})) else {}
-    for view in VIEWS:
+    for view in (one.name for one in VIEWS):
         opened(page, view)
         for size, scheme, options in looks:
             page.set_viewport_size(size)

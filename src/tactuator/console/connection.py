@@ -15,7 +15,7 @@ from tactuator.console import display_view, identify_view, prefilter_view, speec
 from tactuator.console.fields import CHANNELS_MAX, Finite, Name
 from tactuator.console.loop_chart import frame, ground, settled_figures, verdict_rows
 from tactuator.console.loop_shape import LoopShape, drag_ranges, shape_of, with_point_at
-from tactuator.console.requests import DEFECT, LOGGER, Answer, Functions, bound, digits, serve_requests
+from tactuator.console.requests import DEFECT, LOGGER, Answer, Functions, View, bound, digits, serve_requests
 from tactuator.console.state import ConsoleState
 from tactuator.errors import TactuatorError
 from tactuator.io.controller import controller_text
@@ -23,11 +23,25 @@ from tactuator.plain import picked
 from tactuator.report.nichols import MARKS_HZ
 from tactuator.web.sockets import first_to_end, send
 
+VIEWS = (
+    View("start", "Start"),
+    display_view.VIEW,
+    identify_view.VIEW,
+    View("loop", "Loop", of_display=True),
+    prefilter_view.VIEW,
+    speech_view.VIEW,
+    study.VIEW,
+    View("response", "Response", of_rig=True),
+    View("scope", "Scope", of_rig=True),
+)
+"""The views in the page's order; functions of the loop stand here, those of the rig in rig_connection.py."""
+
 
 def start(state: ConsoleState) -> Answer:
-    """Return the display of the command line and the name of its file, whether there is a rig, the examples."""
+    """Return the views, the display of the command line and the name of its file, whether there is a rig, examples."""
     file = "" if state.named is None else Path(state.command_name(state.named)).name
-    return {"named": state.named, "file": file, "rig": state.has_rig, "examples": state.examples()}
+    views = {view.name: picked(view, "title", "of_display", "of_rig") for view in VIEWS}
+    return {"views": views, "named": state.named, "file": file, "rig": state.has_rig, "examples": state.examples()}
 
 
 def open_display(state: ConsoleState, display: Name) -> Answer:
@@ -92,11 +106,7 @@ REQUESTS: Functions = {
     "bring": bring,
     "design": design,
     "check": check_loops,
-    **display_view.REQUESTS,
-    **identify_view.REQUESTS,
-    **prefilter_view.REQUESTS,
-    **speech_view.REQUESTS,
-    **study.REQUESTS,
+    **{f"{view.name}.{name}": function for view in VIEWS for name, function in view.functions.items()},
 }
 """Functions of ConsoleState."""
 

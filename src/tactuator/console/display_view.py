@@ -11,7 +11,7 @@ from pydantic import Field, StringConstraints
 from pydantic.fields import FieldInfo
 
 from tactuator.console.fields import Name
-from tactuator.console.requests import Answer, Functions
+from tactuator.console.requests import Answer, View
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput, TactuatorError
 from tactuator.io.display import where_of
@@ -177,7 +177,7 @@ def set_value(
     return {"text": with_literal(text, table, place, key, written)}
 
 
-REQUESTS: Functions = {"display.read": read, "display.judge": judge, "display.set": set_value}
+VIEW = View("display", "Display", {"read": read, "judge": judge, "set": set_value})
 
 
 def _form(text: str) -> list[Answer]:

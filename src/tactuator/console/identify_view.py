@@ -11,7 +11,7 @@ from pydantic import Field
 from tactuator.api.model import identify
 from tactuator.arrays import FloatArray
 from tactuator.console.fields import Finite, Name
-from tactuator.console.requests import Answer, Functions, command_line, digits
+from tactuator.console.requests import Answer, View, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput
 from tactuator.identification.by_response import ResponseFit
@@ -106,7 +106,7 @@ def model(
     }
 
 
-REQUESTS: Functions = {"identify.look": look, "identify.model": model}
+VIEW = View("identify", "Identify", {"look": look, "model": model})
 
 
 def _told(fit: Identification | ResponseFit, measured: Record | FrequencyResponse) -> Answer:

@@ -11,7 +11,7 @@ from pydantic import Field
 from tactuator.api.controller import design
 from tactuator.console.fields import Finite, Name
 from tactuator.console.loop_chart import verdict_rows
-from tactuator.console.requests import Answer, Functions, command_line, digits
+from tactuator.console.requests import Answer, View, command_line, digits
 from tactuator.console.state import ConsoleState
 from tactuator.io.controller import controller_text
 from tactuator.io.csv_tables import curve_text, read_curve
@@ -104,7 +104,7 @@ def save(
     }
 
 
-REQUESTS: Functions = {"prefilter.curve": personal_curve, "prefilter.fit": fit, "prefilter.save": save}
+VIEW = View("prefilter", "Prefilter", {"curve": personal_curve, "fit": fit, "save": save}, of_display=True)
 
 
 def _command(state: ConsoleState, display: str, points: Points | None, file: str | None, poles: int | None) -> str:

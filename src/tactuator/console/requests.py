@@ -11,6 +11,7 @@ import inspect
 import logging
 import shlex
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any
 
@@ -27,6 +28,20 @@ from tactuator.web.sockets import receive_text, send
 
 Answer = dict[str, Any]
 Functions = Mapping[str, Callable[..., Any]]
+
+
+@dataclass(frozen=True)
+class View:
+    """A view of the page, drawn by the module of its name in static/. functions: of ConsoleState, which the page calls
+    as `name.function`. of_display, of_rig: whether it needs a display, or a rig.
+    """
+
+    name: str
+    title: str
+    functions: Functions = field(default_factory=dict)
+    of_display: bool = False
+    of_rig: bool = False
+
 
 DEFECT = "a defect of the console; the server's log has it. What is in the page is still there"
 LOGGER = logging.getLogger("tactuator.web.lab")

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactuator.api.speech import RenderResult, render
 from tactuator.console.fields import Finite, Name
-from tactuator.console.requests import Answer, Functions, command_line
+from tactuator.console.requests import Answer, View, command_line
 from tactuator.console.rig_session import expected_hum
 from tactuator.console.state import ConsoleState
 from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
@@ -77,7 +77,7 @@ def codings(state: ConsoleState) -> Answer:
     return {"codings": list(coding_names()), "level": LEVEL_DB_SL}
 
 
-REQUESTS: Functions = {"speech.render": rendered, "speech.codings": codings}
+VIEW = View("speech", "Speech", {"render": rendered, "codings": codings}, of_display=True)
 
 
 def _hum_said(lines: list[tuple[float, float]]) -> str:

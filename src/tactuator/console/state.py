@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from tactuator import __version__
 from tactuator.console.loop_chart import ChannelPlants, channel_controller, channel_plants
 from tactuator.console.loop_shape import Factor, LoopShape, taken_apart
-from tactuator.console.uploads import UploadedFiles
+from tactuator.console.uploads import EXAMPLE, UploadedFiles
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display
 from tactuator.io.shipped import EXAMPLES, example_names
@@ -25,7 +25,7 @@ from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis import design
 
 FILE = "file"
-_EXAMPLE, _TEXT = "example:", "text:"
+_TEXT = "text:"
 _START_SHARE = 0.05
 _Value = TypeVar("_Value")
 
@@ -61,15 +61,15 @@ class ConsoleState:
                 tables = tomllib.loads((EXAMPLES / name).read_text("utf-8"))
                 channels = ", ".join(str(channel["name"]) for channel in tables["channel"])
                 title = str(tables["display"]["name"])
-                examples.append({"key": f"{_EXAMPLE}{name}", "name": title, "channels": channels})
+                examples.append({"key": f"{EXAMPLE}{name}", "name": title, "channels": channels})
         return examples
 
     def path(self, key: str) -> Path:
         """Return the file of a key. Raises BadInput for one that is not known."""
         if key == FILE and self._path is not None:
             return self._path
-        name = key.removeprefix(_EXAMPLE)
-        if key.startswith(_EXAMPLE) and name in example_names() and name.endswith(".toml"):
+        name = key.removeprefix(EXAMPLE)
+        if key.startswith(EXAMPLE) and name in example_names() and name.endswith(".toml"):
             return EXAMPLES / name
         if key.startswith(_TEXT):
             raise BadInput("that text of a display is not on the server any more", "open it from the view Display")
@@ -98,7 +98,7 @@ class ConsoleState:
         """Return the display file as a command line names it; an example as `init --examples examples` copies it."""
         if (key,) in self._texts:
             return "display.toml"
-        return str(self._path) if key == FILE else f"examples/{key.removeprefix(_EXAMPLE)}"
+        return str(self._path) if key == FILE else f"examples/{key.removeprefix(EXAMPLE)}"
 
     def open(self, key: str) -> Display:
         """Read a display anew; what was made for another content of the file is forgotten."""

@@ -14,10 +14,10 @@ from pydantic import Field, StringConstraints
 from tactuator.api.experiment import export
 from tactuator.console.console_rig import ConsoleRig
 from tactuator.console.fields import Name
-from tactuator.console.requests import LOGGER, Answer, Functions, bound, command_line, serve_requests
+from tactuator.console.requests import LOGGER, Answer, Functions, View, bound, command_line, serve_requests
 from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
-from tactuator.console.uploads import UploadedFiles
+from tactuator.console.uploads import EXAMPLE, UploadedFiles
 from tactuator.errors import BadInput
 from tactuator.experiment.export import FORMS
 from tactuator.experiment.protocol.file import read_protocol
@@ -25,14 +25,13 @@ from tactuator.experiment.protocol.study import StudyProtocol
 from tactuator.experiment.session.studies import fresh_token, open_study, task_of
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import opened_store, sessions_of
-from tactuator.io.shipped import EXAMPLES, example_names
+from tactuator.io.shipped import example_names
 from tactuator.model.controller import Controller
 from tactuator.web.lab import Lab
 from tactuator.web.sockets import send
 from tactuator.web.study_pages import StudyPages
 
 STORE = "lab.db"
-_EXAMPLE = "example:"
 _SHOWN = "seen or heard"
 StoreName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._ -]{0,100}\.db$")]
 """Name of a store in the folder of the console: a plain file name."""
@@ -43,7 +42,7 @@ def offered(state: ConsoleState) -> Answer:
     and export formats.
     """
     return {
-        "protocols": [f"{_EXAMPLE}{name}" for name in _shipped()],
+        "protocols": [f"{EXAMPLE}{name}" for name in _shipped()],
         "stores": sorted(path.name for path in state.folder.glob("*.db")),
         "store": STORE,
         "forms": list(FORMS),
@@ -54,7 +53,7 @@ def look(state: ConsoleState, protocol: Name) -> Answer:
     """Return what the study of a protocol is, and what its results will lack. Raises BadInput, naming the key, for a
     file that is no protocol.
     """
-    read, _ = read_protocol(protocol_path(state.uploads, protocol), StudyProtocol)
+    read, _ = read_protocol(state.uploads.path(protocol), StudyProtocol)
     return {
         "study": read.study.name,
         "kind": read.asks,
@@ -65,8 +64,7 @@ def look(state: ConsoleState, protocol: Name) -> Answer:
     }
 
 
-REQUESTS: Functions = {"experiment.start": offered, "experiment.look": look}
-"""Functions of ConsoleState, on the page's own connection."""
+VIEW = View("experiment", "Experiment", {"start": offered, "look": look}, of_rig=True)
 
 
 @dataclass(frozen=True)
@@ -220,12 +218,6 @@ def _commands(running: _Running) -> list[list[str]]:
     ]
 
 
-def protocol_path(uploads: UploadedFiles, key: str) -> Path:
-    """Return the protocol file of a key: one that was uploaded, or an example. Raises BadInput for one that is none."""
-    name = key.removeprefix(_EXAMPLE)
-    return EXAMPLES / name if key.startswith(_EXAMPLE) and name in _shipped() else uploads.path(key)
-
-
 def _shipped() -> list[str]:
     toml = [name for name in example_names() if name.endswith(".toml")]
     return [name for name in toml if name == "protocol.toml" or name.startswith("protocols/")]
@@ -233,8 +225,8 @@ def _shipped() -> list[str]:
 
 def together(uploads: UploadedFiles, protocol: str, files: tuple[str, ...]) -> Path:
     """Return a protocol in a folder with the files that were uploaded for it; an example stays where its files are."""
-    path = protocol_path(uploads, protocol)
-    if protocol.startswith(_EXAMPLE):
+    path = uploads.path(protocol)
+    if protocol.startswith(EXAMPLE):
         return path
     _, folder = uploads.new_folder()
     for file in (path, *(uploads.path(key) for key in files)):

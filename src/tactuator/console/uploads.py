@@ -19,10 +19,13 @@ from fastapi.responses import FileResponse, JSONResponse
 from starlette.requests import ClientDisconnect
 
 from tactuator.errors import BadInput, TactuatorError
+from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.web.pages import HEADERS, holds_file, plain_text
 
 BYTES_MAX = 512 * 1024 * 1024
 """Length of the longest file that is taken."""
+EXAMPLE = "example:"
+"""What the key of a file of the package begins with."""
 _MOST_FILES, _LONGEST_NAME = 24, 120
 _NO_FILE = "There is no such file here."
 
@@ -52,7 +55,10 @@ class UploadedFiles:
         return key
 
     def path(self, key: str) -> Path:
-        """Return the file of a key. Raises BadInput for one that is not there (any more)."""
+        """Return the file of a key, or an example's. Raises BadInput for one that is not there (any more)."""
+        name = key.removeprefix(EXAMPLE)
+        if key != name and name in example_names():
+            return EXAMPLES / name
         if key not in self._files:
             raise BadInput("that file is not on the server any more", "drop it again")
         return self._files[key]

@@ -3,7 +3,6 @@ import { address, keepToken, read, takeToken, write } from "./address.js";
 import { banner, displayName, el, make, names, refusal } from "./dom.js";
 import { Link } from "./link.js";
 import { leftRig, stopRig } from "./rig.js";
-import { VIEWS } from "./views.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
@@ -40,7 +39,7 @@ function navigation(state) {
   const display = state.display ?? about.named;
   // of the moment in which it is followed: a loop is shaped meanwhile
   const to = (view) => { const { channel, shapes, own } = state; return address({ view, display, channel, shapes, own: view === state.view ? own : remembered[view] }); };
-  const links = Object.entries(VIEWS).map(([view, { title, ofDisplay, ofRig }]) => {
+  const links = Object.entries(about.views).map(([view, { title, of_display: ofDisplay, of_rig: ofRig }]) => {
     const needs = ofDisplay && !display ? "needs a display" : ofRig && !about.rig ? "needs a rig" : "", words = [title, ...(needs ? [make("small", {}, ` ${needs}`)] : [])];
     if (ofDisplay && needs) return make("span", { class: "needs", id: `to-${view}` }, ...words);
     return make("a", { href: to(view), id: `to-${view}`, class: needs ? "needs" : null, "aria-current": view === state.view ? "page" : null, onclick: (event) => event.currentTarget.setAttribute("href", to(view)) }, ...words);
@@ -54,9 +53,7 @@ function navigation(state) {
 async function route() {
   if (!ready) return;
   const number = ++routes;
-  const state = read(), of = state.display ?? about?.named;
-  if (Object.keys(state.shapes).length) shapesOf[of] = state.shapes; else state.shapes = shapesOf[of] ??= {};
-  if (!(state.view in VIEWS) || (VIEWS[state.view].ofDisplay && !state.display)) state.view = "start";
+  const state = read();
   el("tip").hidden = true;
   delete document.body.dataset.ready;
   if (shown?.state) remembered[shown.state.view] = shown.state.own;
@@ -68,6 +65,10 @@ async function route() {
   renewed = false;
   try {
     about ??= await link.ask("start");
+    if (number !== routes) return;
+    const of = state.display ?? about.named, { views } = about;
+    if (Object.keys(state.shapes).length) shapesOf[of] = state.shapes; else state.shapes = shapesOf[of] ??= {};
+    if (!(state.view in views) || (views[state.view].of_display && !state.display)) state.view = "start";
     names.file = about.file;
     navigation(state);
     const { default: View } = await import(`./${state.view}.js`); // when it is opened first
@@ -76,7 +77,7 @@ async function route() {
     await shown.open();
     if (number !== routes) return;
     shown.isOpen = true;
-    if (VIEWS[state.view].ofDisplay) { write(state); navigation(state); }
+    if (views[state.view].of_display) { write(state); navigation(state); }
   } catch (error) {
     if (number !== routes || error.lost) return; // it is opened when the server is back
     refusal(error);

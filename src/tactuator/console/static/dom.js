@@ -74,6 +74,30 @@ export function saved(words, name, text, type = "application/json") {
   return make("a", { href: URL.createObjectURL(new Blob([text], { type })), download: name, class: "save" }, words);
 }
 
+// What takes long shows at once, and then each second, that it is at work; returns what ends that. show: called with the words.
+export function counted(words, show) {
+  const began = Date.now(), tick = () => show(`${words}, ${Math.round((Date.now() - began) / 1000)} s`);
+  tick();
+  const clock = setInterval(tick, 250);
+  return () => clearInterval(clock);
+}
+
+// A file that the server made comes with the token in a header, as every request of the page.
+export async function saveMade(token, key, name) {
+  const answer = await fetch(`/made/${key}/${name}`, { headers: { "x-token": token } });
+  if (!answer.ok) throw new Error((await answer.text()).trim());
+  make("a", { href: URL.createObjectURL(await answer.blob()), download: name }).click();
+}
+
+// Ctrl+Z and Ctrl+Shift+Z in a view; a field has its own.
+export function undoKeys(view, undo, redo) {
+  view.onkeydown = (event) => {
+    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT") return;
+    event.preventDefault();
+    if (event.shiftKey) redo(); else undo();
+  };
+}
+
 export function command(text) {
   const copy = make("button", { type: "button", onclick: () => navigator.clipboard?.writeText(text).then(() => say("copied")) }, "Copy");
   const words = text.split(" ").flatMap((word) => [" ", make("span", {}, word)]).slice(1); // a line is broken between them

@@ -2,14 +2,15 @@
 import { make, say } from "./dom.js";
 
 export class Drop {
-  // taken: called with (key, name); it may be async, and what it throws is told here. busy: called with true when a file
+  // example: a file of the package that a button takes. taken: called with (key, name); it may be async, and what it throws is told here. busy: called with true when a file
   // sets out, and with false when it is taken or refused.
-  constructor(link, { label, hint = "", multiple = false, accept = "", taken, busy = () => {} }) {
+  constructor(link, { label, hint = "", multiple = false, accept = "", example = "", taken, busy = () => {} }) {
     Object.assign(this, { link, label, taken, multiple, busy });
     this.input = make("input", { type: "file", multiple: multiple ? "" : null, accept: accept || null, onchange: () => { this.take([...this.input.files]); this.input.value = ""; } });
     this.told = make("p", { class: "crossed told", role: "alert" });
     this.name = make("span", { class: "name" });
-    this.box = make("div", { class: "drop" }, make("label", {}, make("strong", {}, label), " ", this.input), this.name, hint ? make("p", {}, hint) : "", this.told);
+    this.box = make("div", { class: "drop" }, make("label", {}, make("strong", {}, label), " ", this.input), this.name, hint ? make("p", {}, hint) : "",
+      example ? make("button", { type: "button", class: "example", onclick: () => this.shown(example, () => ({ key: `example:${example}`, name: example })) }, `Try the example ${example}`) : "", this.told);
     this.box.ondragover = (event) => { event.preventDefault(); this.box.classList.add("over"); };
     this.box.ondragleave = () => this.box.classList.remove("over");
     this.box.ondrop = (event) => { event.preventDefault(); this.box.classList.remove("over"); this.take([...event.dataTransfer.files]); };
@@ -18,20 +19,23 @@ export class Drop {
   refuse(text) { this.told.textContent = text; }
 
   async take(files) {
-    for (const file of this.multiple ? files : files.slice(0, 1)) {
-      this.refuse("");
-      this.busy(true);
-      this.box.setAttribute("aria-busy", "true");
-      this.name.textContent = `${file.name}: on its way`;
-      try {
-        const { key, name } = await this.send(file);
-        this.name.textContent = name === this.label ? "" : name;
-        say(`${name} is there`);
-        await this.taken(key, name, file);
-      } catch (error) {
-        this.refuse(error.lost ? "The server does not answer; drop the file again when it is back." : error.message);
-      } finally { this.box.removeAttribute("aria-busy"); this.busy(false); }
-    }
+    for (const file of this.multiple ? files : files.slice(0, 1)) await this.shown(file.name, () => this.send(file), file);
+  }
+
+  // The way of a file, from which `sent` returns key and name, to the view.
+  async shown(words, sent, file = null) {
+    this.refuse("");
+    this.busy(true);
+    this.box.setAttribute("aria-busy", "true");
+    this.name.textContent = `${words}: on its way`;
+    try {
+      const { key, name } = await sent();
+      this.name.textContent = name === this.label ? "" : name;
+      say(`${name} is there`);
+      await this.taken(key, name, file);
+    } catch (error) {
+      this.refuse(error.lost ? "The server does not answer; drop the file again when it is back." : error.message);
+    } finally { this.box.removeAttribute("aria-busy"); this.busy(false); }
   }
 
   async send(file) {

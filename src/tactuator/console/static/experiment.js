@@ -1,6 +1,6 @@
 // The view Experiment: a study at the console's rig. It is begun here; then the operator's own panel shows and drives it.
 import { write } from "./address.js";
-import { banner, command, el, fault, make, refusal, say } from "./dom.js";
+import { banner, command, el, fault, make, refusal, saveMade, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { Link } from "./link.js";
 import { Loader } from "./loader.js";
@@ -144,9 +144,7 @@ export default class Experiment {
       try {
         const made = await this.studies.ask("export", { store: study.store, form: form.value });
         line.replaceChildren(command(made.command));
-        const answer = await fetch(`/made/${made.key}/${made.name}`, { headers: { "x-token": this.studies.token } });
-        if (!answer.ok) throw new Error((await answer.text()).trim());
-        make("a", { href: URL.createObjectURL(await answer.blob()), download: made.name }).click();
+        await saveMade(this.studies.token, made.key, made.name);
         done.textContent = `${made.trials} trials in ${made.name}`;
       } catch (error) { done.textContent = error.message; }
     } }, "Save the export");

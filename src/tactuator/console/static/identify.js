@@ -1,7 +1,7 @@
 // The view Identify: a record is dropped, its columns are guessed, a model is found; order and hold are chosen from what was tried.
 import { address, write } from "./address.js";
 import { Chart } from "./chart.js";
-import { command, make, numberIn, refusal, saved, say } from "./dom.js";
+import { command, counted, make, numberIn, refusal, saved, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
 import { term } from "./words.js";
@@ -11,7 +11,7 @@ export default class Identify {
 
   async open() {
     const { view, link } = this;
-    this.drop = new Drop(link, { label: "Record or response", accept: ".csv,.txt,.tsv,.dat,.mat,.wav,.flac,.h5,.hdf5", hint: "Drop a file here, or choose one: columns of time, command and position (or of frequency and magnitude) as CSV, MATLAB, HDF5 or sound.",
+    this.drop = new Drop(link, { label: "Record or response", accept: ".csv,.txt,.tsv,.dat,.mat,.wav,.flac,.h5,.hdf5", hint: "Drop a file here, or choose one: columns of time, command and position (or of frequency and magnitude) as CSV, MATLAB, HDF5 or sound.", example: "bench.csv",
       taken: (key, name) => { this.own = this.state.own = { record: key, name }; this.validate = []; return this.look(); } });
     this.unseen = new Drop(link, { label: "Validation record", multiple: true, hint: "A record of the same mechanism that the fit does not see. The model is held against it.",
       taken: (key, name) => { this.validate = [...this.validate, { key, name }]; this.keep(); return this.model(); } });
@@ -73,16 +73,16 @@ export default class Identify {
   again() { return this.look().catch((error) => this.drop.refuse(error.message)); }
 
   async model() {
-    const { order, zeros, hold } = this.own, began = Date.now(), busy = make("p", { role: "status" }, "Identifying.");
+    const { order, zeros, hold } = this.own, busy = make("p", { role: "status" }, "Identifying");
     this.bits.model.prepend(busy);
     this.bits.model.setAttribute("aria-busy", "true");
-    const clock = setInterval(() => { busy.textContent = `Identifying, ${Math.round((Date.now() - began) / 1000)} s.`; }, 500);
+    const end = counted("Identifying", (words) => { busy.textContent = words; });
     try {
       const found = await this.link.ask("identify.model", { ...this.asked(), ...(order ? { order: Number(order) } : {}), ...(zeros ? { zeros: Number(zeros) } : {}), hold: hold || "auto", validate_on: this.validate.map(({ key }) => key) });
       write(this.state);
       this.show(found);
       say(`Model of ${found.order} poles${found.trusted ? "" : ", not to be trusted"}.`);
-    } finally { clearInterval(clock); busy.remove(); this.bits.model.setAttribute("aria-busy", "false"); }
+    } finally { end(); busy.remove(); this.bits.model.setAttribute("aria-busy", "false"); }
   }
 
   show(found) {

@@ -1,6 +1,6 @@
 // The loop view: one channel's controller, dragged, computed by the server, drawn here.
 import { write } from "./address.js";
-import { banner, command, make, refusal, say } from "./dom.js";
+import { banner, command, counted, make, refusal, saved, say, undoKeys } from "./dom.js";
 import { Editor } from "./editor.js";
 import { designTable, tiles, verdict } from "./figures.js";
 import { Handles } from "./handles.js";
@@ -49,11 +49,7 @@ export default class Loop {
       make("div", { class: "bar" }, make("h1", {}, "Loop of ", this.display.name), make("label", { for: "channel" }, "channel "), choose, ...Object.values(this.buttons)),
       make("p", { class: "limits", tabindex: "0", role: "region", "aria-label": "Limits" }, standing, " ", crossed, " ", sentence), big,
       make("div", { class: "bench" }, chart, plots, make("div", { class: "aside" }, editor, kept)), line, tables));
-    this.view.onkeydown = (event) => {
-      if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT") return;
-      event.preventDefault();
-      if (event.shiftKey) this.redo(); else this.undo();
-    };
+    undoKeys(this.view, () => this.undo(), () => this.redo());
   }
 
   async bring(channel) {
@@ -139,18 +135,18 @@ export default class Loop {
   settled(then) { if (this.waiting) this.later.push(then); else then(); }
 
   show() {
-    const compared = this.kept.filter((one) => one.compared);
+    const compared = this.kept.filter((one) => one.compared), standing = this.standing(), begun = standing !== UNDESIGNED;
     this.nichols.kept = compared.map((one) => one.curve);
-    this.nichols.show(this.frame);
+    this.nichols.show({ ...this.frame, crossed: begun ? this.frame.crossed : [] }); // a loop to begin with keeps no limit yet
     this.plots.show(this.frame, compared.map((one) => one.curve));
     for (const chart of this.plots.all) chart.still = this.held;
     this.handles.show(this.shape(), this.basis.frequency_hz, this.frame.curves[0]);
     if (!this.view.querySelector(".factor:focus-within")) this.editor.show(this.shape(), false, this.held);
     const { unstable, crossed } = this.frame;
-    const told = unstable.length ? `Unstable: ${unstable.join(", ").replace(/\bnone\b/, "no load")}.` : crossed.length ? `Beyond a limit: ${crossed.map((one) => REGIONS[one] ?? `${one} Hz`).join(", ")}.` : "";
-    if (this.bits.crossed.textContent !== told) { this.bits.crossed.textContent = told; say(told || "Every limit is kept."); }
-    this.bits.standing.textContent = this.standing();
-    this.bits.tiles.classList.toggle("undesigned", this.standing() === UNDESIGNED);
+    const told = unstable.length ? `Unstable: ${unstable.join(", ").replace(/\bnone\b/, "no load")}.` : begun && crossed.length ? `Beyond a limit: ${crossed.map((one) => REGIONS[one] ?? `${one} Hz`).join(", ")}.` : "";
+    if (this.bits.crossed.textContent !== told) { this.bits.crossed.textContent = told; say(told || (begun ? "Every limit is kept." : standing)); }
+    this.bits.standing.textContent = standing;
+    this.bits.tiles.classList.toggle("undesigned", !begun);
     this.buttons.undo.disabled = !this.past.length; this.buttons.redo.disabled = !this.future.length;
   }
 
@@ -199,9 +195,9 @@ export default class Loop {
   remove(index) { this.change((shape) => shape.factors.splice(index, 1), true); this.done(); }
 
   async design() {
-    const { display, channel } = this.state, before = this.figures, began = Date.now();
+    const { display, channel } = this.state, before = this.figures;
     this.buttons.design.disabled = true;
-    const clock = setInterval(() => { this.buttons.design.textContent = `Designing, ${Math.round((Date.now() - began) / 1000)} s`; }, 250);
+    const end = counted("Designing", (words) => { this.buttons.design.textContent = words; });
     try {
       const { shape, command: line } = await this.link.ask("design", { display, channel });
       this.remember();
@@ -211,7 +207,7 @@ export default class Loop {
       this.request("draw", {}, performance.now());
       this.done();
       say("designed");
-    } catch (error) { refusal(error); } finally { clearInterval(clock); this.buttons.design.disabled = false; this.buttons.design.textContent = "Design it"; }
+    } catch (error) { refusal(error); } finally { end(); this.buttons.design.disabled = false; this.buttons.design.textContent = "Design it"; }
   }
 
   // Designs that are kept, by name, in this browser.
@@ -246,8 +242,8 @@ export default class Loop {
     try {
       const { verdict: found, text, command: line } = await this.link.ask("check", { display: this.state.display, shapes: this.state.shapes });
       this.bits.command.replaceChildren(command(line));
-      const href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-      const save = make("a", { href, download: "controller.json", id: "save" }, "Save controller.json");
+      const save = saved("Save controller.json", "controller.json", text);
+      save.id = "save";
       this.bits.tables.replaceChildren(make("h2", { tabindex: "-1" }, "The whole display"), make("p", {}, save), verdict(found));
       save.focus();
       say(found.sentence);

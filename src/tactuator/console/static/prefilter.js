@@ -1,7 +1,7 @@
 // The view Prefilter and curve: points of the curve are dragged, the prefilter is fitted anew, its error is drawn.
 import { write } from "./address.js";
 import { Chart } from "./chart.js";
-import { COARSE, banner, command, digits, draggable, draw, make, nearest, refusal, saved, say } from "./dom.js";
+import { COARSE, banner, command, counted, digits, draggable, draw, make, nearest, refusal, saved, say, undoKeys } from "./dom.js";
 import { Drop } from "./drop.js";
 import { verdict } from "./figures.js";
 import { Value } from "./value.js";
@@ -40,11 +40,7 @@ export default class Prefilter {
         make("div", {}, make("div", { class: "panel" }, this.error.box), make("div", { class: "panel" }, this.drop.box, this.offered), make("div", { class: "panel" }, make("h2", {}, "Controller"), this.bits.saving, this.bits.command, this.bits.verdict))),
       make("p", {}, "The ", term("prefilter"), " makes a channel follow the ", term("threshold curve"), ". Drag a point of the curve, move it by the arrow keys, or type its level at the point; the loop stays, the prefilter is fitted anew.")));
     this.bits.saving.replaceChildren(press("Design and save", () => this.save(), { class: "first", id: "design" }));
-    view.onkeydown = (event) => {
-      if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.tagName === "INPUT") return;
-      event.preventDefault();
-      if (event.shiftKey) this.step(this.future, this.past); else this.step(this.past, this.future);
-    };
+    undoKeys(view, () => this.step(this.past, this.future), () => this.step(this.future, this.past));
     await this.fit();
   }
 
@@ -169,15 +165,15 @@ export default class Prefilter {
   }
 
   async save() {
-    const button = this.bits.saving.querySelector("#design"), began = Date.now();
+    const button = this.bits.saving.querySelector("#design");
     button.disabled = true;
-    const clock = setInterval(() => { button.textContent = `Designing, ${Math.round((Date.now() - began) / 1000)} s`; }, 250);
+    const end = counted("Designing", (words) => { button.textContent = words; });
     try {
       const found = await this.link.ask("prefilter.save", this.asked()), name = found.command.split(" ").at(-1);
       this.bits.saving.replaceChildren(button, saved(`Save ${name}`, name, found.text), ...(found.curve ? [saved("Save curve.csv", "curve.csv", found.curve, "text/csv")] : []));
       this.bits.verdict.replaceChildren(verdict(found.verdict));
       say(found.verdict.sentence);
-    } catch (error) { refusal(error); } finally { clearInterval(clock); button.disabled = false; button.textContent = "Design and save"; }
+    } catch (error) { refusal(error); } finally { end(); button.disabled = false; button.textContent = "Design and save"; }
   }
 
   again() { this.fit(); }

@@ -1,6 +1,6 @@
 // The scope: what a rig does, as it does it, with a generator and a finger.
 import { Chart } from "./chart.js";
-import { banner, digits, make, numberIn, refusal } from "./dom.js";
+import { banner, digits, make, numberIn, refusal, saved } from "./dom.js";
 import { Finger } from "./finger.js";
 import { GeneratorPanel } from "./generator.js";
 import { Loader } from "./loader.js";
@@ -68,7 +68,7 @@ export default class Scope {
     const scales = ROWS.map(({ title }, i) => select(`scale-${title}`, [["", "auto"], ...SCALES.map((one) => [String(one), `±${one}`])], "", (event) => { this.traces.scales[i] = Number(event.target.value) || null; this.redraw(); }));
     const names = this.channels.map((one, k) => make("button", { type: "button", class: `legend-${k % HUES.length}`, "aria-pressed": "true", onclick: (event) => { one.shown = !one.shown; event.target.setAttribute("aria-pressed", String(one.shown)); this.redraw(); } }, one.name));
     this.trigger = make("span", { class: "bar", hidden: "" }, labelled("trigger on", this.source), labelled("signal", this.signal), labelled("level", this.level), labelled("edge", this.edge));
-    return make("div", { class: "bar strip" }, this.paused, shoot, cursors, save, labelled("span", this.span), labelled("picture", this.mode), this.trigger, ...names, labelled("channels", apart), ...scales.map((one, i) => labelled(["scales r", "u", "y"][i], one)));
+    return make("div", { class: "bar strip" }, this.paused, shoot, cursors, save, labelled("span", this.span), labelled("picture", this.mode), this.trigger, ...names, labelled("channels", apart), ...scales.map((one, i) => labelled(i ? ROWS[i].title : "scale: reference", one)));
   }
 
   get seconds() { return Number(this.span.value); }
@@ -182,10 +182,7 @@ export default class Scope {
     const end = this.held ?? this.last?.end ?? 0, channel = this.source.value;
     try {
       const { text, name } = await this.rig.link.ask("save", { channel, span_s: this.seconds, end });
-      const href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
-      const link = make("a", { href, download: name });
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(href), 10_000);
+      saved("", name, text, "text/csv").click();
       banner("");
     } catch (error) { refusal(error); }
   }

@@ -1,7 +1,7 @@
 // The view Speech: a file is dropped; asked, felt and their difference, by finger, over time and over frequency.
 import { write } from "./address.js";
 import { Chart } from "./chart.js";
-import { colour, command, displayName, make, numberIn, refusal, say } from "./dom.js";
+import { colour, command, counted, displayName, make, numberIn, refusal, saveMade, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
 import { takenRig } from "./rig.js";
@@ -17,8 +17,8 @@ export default class Speech {
     const { view, link, state } = this;
     const [display, { codings, level }] = [await link.ask("open", { display: state.display }), await link.ask("speech.codings")];
     if (this.closed) return;
-    this.drop = new Drop(link, { label: "Speech file", accept: "audio/*", hint: "Drop a sound file here: WAV, FLAC, Ogg or AIFF.",
-      taken: (file, name, content) => { Object.assign(this.own, { file, name }); this.heard.src = URL.createObjectURL(content); this.heard.hidden = false; return this.render(); } });
+    this.drop = new Drop(link, { label: "Speech file", accept: "audio/*", hint: "Drop a sound file here: WAV, FLAC, Ogg or AIFF.", example: "speech.wav",
+      taken: (file, name, content) => { Object.assign(this.own, { file, name }); this.heard.hidden = !content; if (content) this.heard.src = URL.createObjectURL(content); return this.render(); } });
     this.heard = make("audio", { controls: "", hidden: "", "aria-label": "The speech file, as it sounds" });
     const coding = make("select", { id: "coding", onchange: () => { this.own.coding = coding.value; this.again(); } }, ...codings.map((name) => make("option", { value: name, selected: name === this.own.coding ? "" : null }, name)));
     const input = make("input", { id: "level", type: "number", min: "-60", max: "55", step: "1", value: this.own.level ?? level, onchange: () => { if (!Number.isNaN(numberIn(input))) { this.own.level = input.value; this.again(); } } });
@@ -65,19 +65,19 @@ export default class Speech {
 
   async render() {
     write(this.state);
-    const { file, coding, level } = this.own, began = Date.now(), busy = make("p", { role: "status" }, "Rendering.");
+    const { file, coding, level } = this.own, busy = make("p", { role: "status" }, "Rendering");
     this.found.prepend(busy);
-    const clock = setInterval(() => { busy.textContent = `Rendering and feeling it, ${Math.round((Date.now() - began) / 1000)} s.`; }, 500);
+    const end = counted("Rendering and feeling it", (words) => { busy.textContent = words; });
     try {
       this.show(await this.link.ask("speech.render", { display: this.state.display, file, ...(coding ? { coding } : {}), ...(level ? { level: Number(level) } : {}) }));
       this.drop.refuse("");
-    } finally { clearInterval(clock); busy.remove(); }
+    } finally { end(); busy.remove(); }
   }
 
   show(found) {
     const head = ["finger", "peak, dB SL", "limiter, dB", "felt − asked, rms dB", "median frame, dB", "95 % of frames, dB"];
     this.charts = []; this.maps = []; this.made = found;
-    const files = found.files.map((name) => make("button", { type: "button", class: "saving", "data-name": name, onclick: () => this.save(found.key, name) }, `Save ${name}`));
+    const files = found.files.map((name) => make("button", { type: "button", class: "saving", "data-name": name, onclick: () => saveMade(this.link.token, found.key, name).catch(refusal) }, `Save ${name}`));
     const panels = found.fingers.map((finger) => {
       const chart = new Chart(`${finger.name}: level (dB SL) over frequency (Hz)`, { log: true, height: 190 });
       this.charts.push([chart, finger]);
@@ -138,15 +138,6 @@ export default class Speech {
     for (const hz of NAMED) { const band = finger.hz.findIndex((one) => Math.abs(Math.log(one / hz)) < 0.1); if (band >= 0) write(String(hz), LEFT - 6, TOP + tall - (band + 0.5) * high + 4 * size); }
     const every = [0.5, 1, 2, 5, 10].find((one) => length / one <= 6 / size) ?? 10;
     for (let t = 0; t <= length; t += every) write(`${t} s`, LEFT + wide * t / length, canvas.height - 4, t ? "center" : "left");
-  }
-
-  // A file that the server made comes with the token in a header, as every request of the page.
-  async save(key, name) {
-    try {
-      const answer = await fetch(`/made/${key}/${name}`, { headers: { "x-token": this.link.token } });
-      if (!answer.ok) throw new Error((await answer.text()).trim());
-      make("a", { href: URL.createObjectURL(await answer.blob()), download: name }).click();
-    } catch (error) { refusal(error); }
   }
 
   resize() { this.charts.forEach(([chart]) => chart.resize()); this.maps.forEach((one) => this.picture(one)); }

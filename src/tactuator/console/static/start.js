@@ -1,7 +1,6 @@
 // The start page: the display that was named on the command line, the examples, and the tour from a record to speech.
 import { address } from "./address.js";
 import { command, make } from "./dom.js";
-import { VIEWS } from "./views.js";
 
 // Of each step: what it is, its view here (null: the command alone), and the command that does the same.
 const TOUR = [
@@ -22,12 +21,12 @@ export default class Start {
   constructor(view, link) { Object.assign(this, { view, link }); }
 
   async open() {
-    const { view } = this, { named, file, examples } = await this.link.ask("start"), display = named ?? "example:display.toml";
+    const { view } = this, { views, named, file, examples } = await this.link.ask("start"), display = named ?? "example:display.toml";
     const card = (key, name, more) => make("li", {}, make("a", { href: address({ view: "loop", display: key }) }, make("strong", {}, name), make("span", {}, more)));
     const cards = examples.map(({ key, name, channels }) => card(key, name, `${key.replace("example:", "")} · ${channels}`));
     const step = ([words, at, line]) => {
-      const there = at && VIEWS[at];
-      return make("li", {}, there ? make("a", { href: address({ view: at, ...(there.ofDisplay ? { display } : {}) }) }, words) : words, there ? ` (${there.title})` : "", command(line));
+      const there = at && views[at];
+      return make("li", {}, there ? make("a", { href: address({ view: at, ...(there.of_display ? { display } : {}) }) }, words) : words, there ? ` (${there.title})` : "", command(line));
     };
     view.replaceChildren(
       make("h1", {}, "From a record to the finger"),
