@@ -163,7 +163,7 @@ def memory_used(built: Path) -> tuple[int, int]:
 
 def _require(tool: str) -> None:
     if shutil.which(tool) is None:
-        raise BadInput(f"{tool} is missing", "install it with `make install-boards`")
+        raise BadInput(f"{tool} is missing: install it with `make install-boards`")
 
 
 def _digest(board: Board, files: list[Path]) -> str:

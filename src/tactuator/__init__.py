@@ -1,36 +1,48 @@
 """Tactile displays on which equal reference amplitude is felt equally strongly at every frequency.
 
 `import tactuator as tt` gives the functions of the API by name; each is imported when it is first used.
-`__init__.pyi` has their types.
+`__init__.pyi` has their types. In the order of the chain:
 """
 
 from importlib import import_module
 
-_ROOMS = {
-    "errors": ("BadInput",),
-    "paper.reproduce": ("reproduce",),
-    "rig.open": ("open_rig",),
-    "rig.simulated": ("SimulatedRig",),
-    "api.controller": ("build", "check", "design", "image"),
-    "api.experiment": ("thresholds",),
-    "api.items": ("waveforms",),
-    "api.model": ("calibrate", "identify", "record"),
-    "api.response": ("crosstalk", "disturb", "finger", "measure_response", "noise"),
-    "api.sound": ("calibrate_display",),
-    "api.speech": ("play", "render"),
-    "api.start": (
-        "examples", "init", "read_controller", "read_curve", "read_display", "read_model", "read_record",
+_CHAIN = (
+    ("start", {"api.start": ("init", "examples", "read_display", "read_record", "read_curve", "read_model")}),
+    ("model", {"api.model": ("calibrate", "record", "identify")}),
+    ("controller", {"api.controller": ("design", "check", "build", "image"), "api.start": ("read_controller",)}),
+    ("rig", {"rig.open": ("open_rig",), "rig.simulated": ("SimulatedRig",), "api.sound": ("calibrate_display",)}),
+    ("measure", {"api.response": ("measure_response", "noise", "crosstalk", "disturb", "finger")}),
+    ("speech", {"api.speech": ("render", "play"), "api.items": ("waveforms",)}),
+    ("people", {"api.experiment": ("thresholds",)}),
+    ("paper", {"paper.reproduce": ("reproduce",)}),
+    (
+        "errors",
+        {
+            "errors": (
+                *("TactuatorError", "BadInput", "NoDesign", "DeviceFault", "TimingMissed", "StoreFault"),
+                "Interrupted",
+            ),
+            "signals.loop": ("UnstableLoop",),
+            "measure.open_loop": ("NoEqualiser",),
+            "rig.transport": ("LinkDown",),
+            "rig.board.link": ("LinkGarbled", "RigFault", "RigLocked"),
+            "rig.board.stream": ("StreamDry",),
+            "rig.sound.stream": ("CardGone", "SoundGap"),
+        },
     ),
-}  # fmt: skip
-_NAMES = {name: room for room, names in _ROOMS.items() for name in names}
+)
+"""The names that the package offers, by chapter and module."""
+_MODULES = {name: module for _, modules in _CHAIN for module, names in modules.items() for name in names}
+__all__ = [*_MODULES]
+__doc__ += "".join(f"\n    {chapter:11} {', '.join(sum(modules.values(), ()))}" for chapter, modules in _CHAIN)
 
 
 def __getattr__(name: str) -> object:
     """Return what is asked for by name, and remember it."""
     if name == "__version__":
         value: object = import_module("importlib.metadata").version("tactuator")
-    elif name in _NAMES:
-        value = getattr(import_module(f"tactuator.{_NAMES[name]}"), name)
+    elif name in _MODULES:
+        value = getattr(import_module(f"tactuator.{_MODULES[name]}"), name)
         if not isinstance(value, type):
             value = import_module("tactuator.parameters").checked(value)
     else:
@@ -41,4 +53,4 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     """Return the names that the package offers."""
-    return sorted([*_NAMES, "__version__"])
+    return sorted([*_MODULES, "__version__"])

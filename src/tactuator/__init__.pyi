@@ -23,8 +23,23 @@ from tactuator.api.start import read_display as read_display
 from tactuator.api.start import read_model as read_model
 from tactuator.api.start import read_record as read_record
 from tactuator.errors import BadInput as BadInput
+from tactuator.errors import DeviceFault as DeviceFault
+from tactuator.errors import Interrupted as Interrupted
+from tactuator.errors import NoDesign as NoDesign
+from tactuator.errors import StoreFault as StoreFault
+from tactuator.errors import TactuatorError as TactuatorError
+from tactuator.errors import TimingMissed as TimingMissed
+from tactuator.measure.open_loop import NoEqualiser as NoEqualiser
 from tactuator.paper.reproduce import reproduce as reproduce
+from tactuator.rig.board.link import LinkGarbled as LinkGarbled
+from tactuator.rig.board.link import RigFault as RigFault
+from tactuator.rig.board.link import RigLocked as RigLocked
+from tactuator.rig.board.stream import StreamDry as StreamDry
 from tactuator.rig.open import open_rig as open_rig
 from tactuator.rig.simulated import SimulatedRig as SimulatedRig
+from tactuator.rig.sound.stream import CardGone as CardGone
+from tactuator.rig.sound.stream import SoundGap as SoundGap
+from tactuator.rig.transport import LinkDown as LinkDown
+from tactuator.signals.loop import UnstableLoop as UnstableLoop
 
 __version__: str

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 
 
 @cache
@@ -36,7 +36,7 @@ def plugin(group: str, name: str) -> Any:
     """
     points = plugins(group)
     if name not in points:
-        raise BadInput(f"{name!r}", ", ".join(points) or f"none: no package declares {group}", where=(group,))
+        raise unknown("plug-in", name, [*points] or [f"none: no package declares {group}"], where=(group,))
     point = points[name]
     try:
         return point.load()

@@ -49,7 +49,9 @@ class TactuatorError(Exception):
 
     def __str__(self) -> str:
         sentence = ": ".join([*self.where, f"{self.key} is {self.got}" if self.key else self.got])
-        return f"{sentence}; allowed: {self.allowed}" if self.allowed else sentence
+        if not self.allowed:
+            return sentence
+        return f"{sentence}; {'it must be' if self.key else 'expected'} {self.allowed}"
 
     def document(self) -> Mapping[str, Any]:
         """Return the error as data, for a page."""
@@ -98,6 +100,18 @@ class Interrupted(TactuatorError):
     """A person stopped a command; it says what of its files was written by then."""
 
     exit_status = 130
+
+
+def unknown(what: str, name: str, known: Iterable[str], *, where: tuple[str, ...] = ()) -> BadInput:
+    """Return the refusal of a name that is none of those known: with the one that was likely meant, or with all."""
+    names = list(known)
+    meant = likely(name, names)
+    return BadInput(f"no {what} {name!r}{meant}", "" if meant else ", ".join(names), where=where)
+
+
+def reason_of(error: OSError) -> str:
+    """Return why a file cannot be read or written."""
+    return "file not found" if isinstance(error, FileNotFoundError) else error.strerror or "it cannot be read"
 
 
 def likely(word: str, known: Iterable[str], alike: float = 0.6) -> str:

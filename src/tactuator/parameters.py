@@ -138,8 +138,12 @@ def require_known(values: Mapping[str, Any], keys: Mapping[str, Any], *where: st
     """Raise BadInput for a key of a table that is none of `keys`."""
     for key in values:
         if key not in keys:
-            meant = likely(key, keys)
-            raise BadInput(f"not a key that is known{meant}", "" if meant else ", ".join(keys), where=where, key=key)
+            raise _unknown_key(key, keys, where)
+
+
+def _unknown_key(key: str, keys: Mapping[str, Any], where: tuple[str, ...]) -> BadInput:
+    meant = likely(key.rpartition(".")[2], keys)
+    return BadInput(f"not a known key{meant}", "" if meant else f"one of {', '.join(keys)}", where=where, key=key)
 
 
 @cache
@@ -254,7 +258,7 @@ def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
         return BadInput(reason.got, reason.allowed, where=(title,), key=key)
     fields = _owner(cls, path)
     if fault["type"] in _UNKNOWN:
-        return BadInput("not a key that is known", ", ".join(fields), where=(title,), key=key)
+        return _unknown_key(key, fields, (title,))
     about = next((fields[place] for place in reversed(path) if place in fields), None)
     words = "" if about is None else allowed(about)
     if fault["type"] == "missing":

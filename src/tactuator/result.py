@@ -2,7 +2,7 @@
 
 import dataclasses
 import html
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -70,6 +70,54 @@ class ResultTable:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
     whole: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of a result's table, as data and as text.
+
+    Parameters
+    ----------
+    name: its key, with the unit.
+    values: one for each row.
+    words: its heading in text; "" where data alone has it.
+    form: of a number in text, or what writes a value.
+    half: half-widths of the values, which text has behind ±.
+    """
+
+    name: str
+    values: Sequence[Any]
+    words: str = ""
+    form: str | Callable[[Any], str] = ".4g"
+    half: Sequence[float] | None = None
+
+    @property
+    def cells(self) -> list[str]:
+        """Return the values as a person reads them."""
+        cells = [self._cell(value) for value in self.values]
+        return (
+            cells
+            if self.half is None
+            else [f"{cell} ± {half:.2g}" for cell, half in zip(cells, self.half, strict=True)]
+        )
+
+    def _cell(self, value: Any) -> str:
+        if callable(self.form):
+            return self.form(value)
+        return f"{value:{self.form}}" if isinstance(value, float) else str(value)
+
+
+def text_table(columns: Sequence[Column], caption: str = "", notes: Sequence[str] = ()) -> ResultTable:
+    """Return the columns that text has."""
+    shown = [column for column in columns if column.words]
+    rows = tuple(zip(*(column.cells for column in shown), strict=True))
+    return ResultTable(caption, tuple(column.words for column in shown), rows, tuple(notes))
+
+
+def rows_of(columns: Sequence[Column]) -> list[dict[str, Any]]:
+    """Return the rows of a table, each by the columns' names."""
+    rows = zip(*(column.values for column in columns), strict=True)
+    return [dict(zip((column.name for column in columns), row, strict=True)) for row in rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,17 +190,25 @@ class Result:
         """Return what to do next, if anything is to be said of that."""
         return ""
 
+    def table(self) -> Sequence[Column]:
+        """Return the columns of the result's table, if it has one."""
+        return ()
+
     def tables(self) -> Sequence[ResultTable | str]:
         """Return the tables and lines that `--full` prints below the facts."""
-        return ()
+        columns = self.table()
+        return [text_table(columns)] if columns and columns[0].values else []
 
     def columns(self) -> Mapping[str, Any]:
         """Return the table's columns of equal length, units in the names; raises BadInput where it is no table."""
-        raise BadInput(f"{type(self).__name__} is no table", "to_dict()")
+        columns = self.table()
+        if not columns:
+            raise BadInput(f"{type(self).__name__} is no table: use to_dict()")
+        return {column.name: column.values for column in columns}
 
     def chart(self) -> Chart:
         """Return what `plot` draws; raises BadInput where there is nothing to draw."""
-        raise BadInput(f"{type(self).__name__} has nothing to draw", "to_dict()")
+        raise BadInput(f"{type(self).__name__} has nothing to draw: use to_dict()")
 
     def notices(self) -> Sequence[str]:
         """Return lines for standard error: doubts about the result."""
@@ -187,7 +243,7 @@ class Result:
         try:
             pandas = import_module("pandas")
         except ImportError:
-            raise BadInput("pandas is not installed", "pip install pandas, or to_dict()") from None
+            raise BadInput("pandas is not installed: pip install pandas, or use to_dict()") from None
         return pandas.DataFrame(dict(columns))
 
     def plot(self, ax: Any = None) -> Any:

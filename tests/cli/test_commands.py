@@ -73,7 +73,7 @@ def test_help__of_all_commands_and_version__import_nothing_heavy() -> None:
 
 
 def test_file_that_is_missing__is_told_in_one_line(run) -> None:
-    run.refused("identify", "no.csv", said="records no.csv: No such file or directory")
+    run.refused("identify", "no.csv", said="records no.csv: file not found")
 
 
 def completed(shell: str, line: str) -> str:
@@ -87,7 +87,7 @@ def completed(shell: str, line: str) -> str:
 
 @pytest.mark.parametrize(
     ("out", "words"),
-    [("nowhere/x.h5", "nowhere is not a folder"), ("x.xyz", "ending '.xyz'; allowed: .h5, .hdf5, .csv")],
+    [("nowhere/x.h5", "nowhere is not a folder"), ("x.xyz", "ending '.xyz'; expected .h5, .hdf5, .csv")],
 )
 def test_measure__out_that_cannot_be_written__is_refused_before_all_else(run, tmp_path, out, words) -> None:
     (controller := tmp_path / "controller.json").write_text("none")
@@ -253,7 +253,7 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
 def test_main__version_no_arguments_or_no_part__are_told(run):
     assert run("--version") == (0, f"tactuator {__version__}\n", "")
     assert "\n  design " in run().out
-    run.refused("sound", said="sound: no subcommand is named; allowed: devices, latency, calibrate")
+    run.refused("sound", said="sound: no subcommand is named; expected devices, latency, calibrate")
 
 
 @pytest.mark.parametrize(
@@ -287,7 +287,7 @@ def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("train", "; there are trial"),
+        ("zzz", "no command 'zzz'; expected trial"),
         ("trail", "'trail' (did you mean 'trial'?)"),
         ("--loud", "--loud (`tactuator --help` tells"),
         ("trial --loud", "--loud (`tactuator trial --help` tells"),

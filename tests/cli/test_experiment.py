@@ -44,7 +44,7 @@ def test_observe_thresholds_export__in_turn__give_files_and_objects(desk, run) -
     assert [row["simulated"] for row in run.json(*observe)["truth"]] == ["simulated"] * 6
     again = " ".join(run(*observe).out.split())
     assert "nothing left to do, all have gone through the study (nobody felt this)" in again
-    judged = "the store holds short; allowed: a study in which tones are judged"
+    judged = "the store holds short; expected a study in which tones are judged"
     run.refused("experiment", "judged", "lab.db", said=judged)
     thresholds = ("experiment", "thresholds", *STORE)
     results = run.json(*thresholds, "--curve-out", "curve.csv", "--figures", "figures")
@@ -72,12 +72,12 @@ def test_thresholds__curve_of_two_frequencies__table_then_the_refusal(desk, run)
         SHORT.replace("[30, 90, 210]", "[30, 90]").partition('[[subject]]\ncode = "S2"')[0]
     )
     ended = run("experiment", "observe", "protocol.toml", *STORE, "--seed", "4", "--json")
-    assert "no curve: frequencies_hz has 2; allowed: 3 or more" in ended.err
+    assert "no curve: frequencies_hz has 2; expected 3 or more" in ended.err
     ended = run("experiment", "thresholds", *STORE, "--curve-out", "curve.csv")
     assert ended.status == 2
     assert "subjects: 1" in ended.out
     assert "written" not in ended.out
-    assert ended.err == "tactuator: a curve of 2 measured frequencies; allowed: three or more\n"
+    assert ended.err == "tactuator: a curve of 2 measured frequencies; expected three or more\n"
     assert not (desk / "curve.csv").exists()
     assert run("experiment", "thresholds", *STORE, "--figures", "figures").status == 0
     assert (desk / "figures" / "fig11.svg").exists()
@@ -192,9 +192,9 @@ def test_correct__data_of_a_subject__are_changed_and_the_export_knows_both(lab, 
 
 
 AMISS = {
-    "enrol S9 --fact age": "--fact 'age'; allowed: NAME=VALUE",
-    "enrol S1 --visit --group hearing": "--visit with facts of a new subject; allowed: --visit alone",
-    "correct S1 --reason why --preload-n -1": "subject: preload_n is -1; allowed: a number of 0 or more",
+    "enrol S9 --fact age": "--fact 'age'; expected NAME=VALUE",
+    "enrol S1 --visit --group hearing": "--visit with facts of a new subject; expected --visit alone",
+    "correct S1 --reason why --preload-n -1": "subject: preload_n is -1; it must be a number of 0 or more",
 }
 RUNNING = "its sessions are run by process"
 

@@ -90,11 +90,11 @@ def test_value__typed_at_a_handle__is_taken_or_told_and_nothing_is_lost(page):
     assert shape(page) == before
     page.locator("#gain").fill("900")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#banner:has-text('gain_db is 900; allowed: -200 to 200')")
+    page.wait_for_selector("#banner:has-text('gain_db is 900; it must be -200 to 200')")
     assert page.locator("#gain").input_value() == f"{before['gain_db']:.2f}"
     page.locator("#gain").fill("")
     page.keyboard.press("Enter")
-    page.wait_for_selector(".wrong:has-text('empty; allowed: a number')")
+    page.wait_for_selector(".wrong:has-text('empty; expected a number')")
     assert shape(page) == before
     page.locator("[aria-label='kind of factor']").select_option("zeros")
     page.locator("#add").focus()

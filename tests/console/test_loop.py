@@ -72,9 +72,9 @@ def test_shape__of_values_that_are_none_or_out_of_range__is_refused():
         ({"gain_db": 0.0}, "factors is None"),
         ({"gain_db": "loud", "factors": []}, "gain_db is 'loud'"),
         ({"gain_db": float("nan"), "factors": []}, "gain_db is nan"),
-        ({"gain_db": 10**400, "factors": []}, "allowed: a finite number"),
-        ({"gain_db": 0.0, "factors": [{"kind": "magic"}]}, "allowed: one of integrator"),
-        ({"gain_db": 0.0, "factors": [{"kind": ["pole"]}]}, "allowed: one of integrator"),
+        ({"gain_db": 10**400, "factors": []}, "a finite number"),
+        ({"gain_db": 0.0, "factors": [{"kind": "magic"}]}, "one of integrator"),
+        ({"gain_db": 0.0, "factors": [{"kind": ["pole"]}]}, "one of integrator"),
         ({"gain_db": 0.0, "factors": [{"kind": "pole"}]}, "hz is None"),
         ({"gain_db": 0.0, "factors": ["pole"]}, "factor 'pole'"),
     ):
@@ -82,10 +82,10 @@ def test_shape__of_values_that_are_none_or_out_of_range__is_refused():
             shape_of(document)
     for shape, words in (
         (LoopShape(300.0), "gain_db is 300"),
-        (LoopShape(0.0, (Factor("pole", (3000.0,)),)), "hz is 3000; allowed: 0.001 to 1960"),
+        (LoopShape(0.0, (Factor("pole", (3000.0,)),)), "hz is 3000; it must be 0.001 to 1960"),
         (LoopShape(0.0, (Factor("poles", (30.0, 0.0)),)), "damping is 0"),
         (LoopShape(0.0, (Factor("zero", (30.0,)),)), "1 zeros and 0 poles"),
-        (LoopShape(0.0, (Factor("integrator"),) * (FACTORS_MAX + 1)), "allowed: up to 16"),
+        (LoopShape(0.0, (Factor("integrator"),) * (FACTORS_MAX + 1)), "up to 16"),
         (LoopShape(0.0, (), 2), "sign is 2"),
     ):
         with pytest.raises(BadInput, match=words):

@@ -107,7 +107,7 @@ def test_single_shot__waits_for_the_trigger_and_then_stands(live):
 def test_request__that_cannot_be_met__is_refused_in_words(live):
     loud = {"kind": "tone", "level_db_sl": 99.0, "channels": ["index"]}
     for asked, words in (
-        ("no json", "allowed: a request of the console's page"),
+        ("no json", "a request of the console's page"),
         ({"do": "look", "look": {"span_s": 0.0, "columns": 10}}, "span_s"),
         ({"do": "look", "look": {"span_s": 1.0, "columns": 10**6}}, "columns"),
         ({"do": "wave", "wave": loud}, "-60 to 55 dB SL"),  # by the rig itself
@@ -115,7 +115,7 @@ def test_request__that_cannot_be_met__is_refused_in_words(live):
         ({"do": "press", "channel": "index", "force_v": 1e9}, "force_v"),
         ({"do": "save", "channel": "index", "span_s": 1.0, "end": 10**12}, "not kept any more"),
         ({"do": "controller", "source": "file", "file": "../../etc"}, "drop it again"),
-        ({"do": "controller", "source": "loops"}, "allowed: file"),
+        ({"do": "controller", "source": "loops"}, "file"),
     ):
         live.others.clear()
         live.socket.send(asked if isinstance(asked, str) else json.dumps({"id": 7, **asked}))
@@ -221,7 +221,7 @@ def test_stop__of_a_page_that_watches__ends_what_the_study_plays(console, studie
 def test_export__of_a_store__is_what_the_command_writes(console, studies, protocol, tmp_path, run):
     with loaded(console):
         studies.ask("begin", protocol=protocol, store="exported.db", auto_start=True)
-        assert "allowed" in studies.ask("export", store="exported.db", form="tidy")["error"]  # nothing is answered yet
+        assert "; " in studies.ask("export", store="exported.db", form="tidy")["error"]  # nothing is answered yet
         with at_subject(console) as socket:
             answered(socket, 1)
         made = studies.ask("export", store="exported.db", form="tidy")
@@ -243,12 +243,12 @@ def test_study__that_cannot_begin__is_refused_and_leaves_rig_and_folder(console,
     with loaded(console) as page:
         for change, words in (
             ({"store": "../up.db"}, "store"),
-            ({"store": None}, "allowed: a request of the console's page"),
+            ({"store": None}, "a request of the console's page"),
             ({"protocol": "nothing"}, "drop it again"),
             ({"protocol": "example:../../display.toml"}, "drop it again"),
             ({"files": ["gone"]}, "drop it again"),
             ({"amend": "x" * 500}, "amend"),
-            (written("[study]\nname = 3"), "allowed"),
+            (written("[study]\nname = 3"), "; "),
             (written(PROTOCOL.replace('["index"]', '["toe"]')), "finger 'toe' is not on the display"),
             (written(strange), "own.toml"),
         ):

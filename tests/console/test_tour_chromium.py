@@ -93,8 +93,8 @@ def measured(page, lab):
     page.locator("#frequencies").fill("one, 10")
     page.locator("#measure").click()
     assert page.locator(".wrong").all_inner_texts() == [
-        "empty; allowed: -60 to 55",
-        "“one” is no number above 0; allowed: frequencies in Hz, commas between",
+        "empty; expected -60 to 55",
+        "“one” is no number above 0; expected frequencies in Hz, commas between",
     ]
 
 

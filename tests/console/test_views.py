@@ -117,7 +117,7 @@ def test_render__figures__are_lists_of_numbers_or_refused(rendered, state):
     json.dumps(answer, allow_nan=False)
     speech, display = (dropped(state, EXAMPLES / name) for name in ("speech.wav", "display.toml"))
     for file, coding, words in (
-        (display, "direct", "allowed"),
+        (display, "direct", "; "),
         (speech, "nothing", "is not known"),
         (speech, "../../secret.toml", "is not known"),
     ):
@@ -251,7 +251,7 @@ def test_set__of_a_value_or_none__changes_that_line_alone_or_is_refused():
     text = with_literal(EXAMPLE, "converter", 0, "range_v", "5.0")
     assert "range_v = 5.0               # +/- 10 V" in text
     for value in ("", "= 3", "[1,", '"', "1 2", "3\n[x]"):
-        with pytest.raises(BadInput, match="allowed"):
+        with pytest.raises(BadInput, match="; "):
             with_literal(EXAMPLE, "prefilter", 0, "poles", value)
     text = with_literal(EXAMPLE, "objectives", 0, "flatness_db", "0.5")
     assert tomllib.loads(text)["objectives"] == {"flatness_db": 0.5}
@@ -309,7 +309,7 @@ def test_display__of_every_example__has_a_stable_loop(designed):
             if channel.feedback.structure != "none":
                 state.first_shape(key, channel.name).system(state.display(key).rate_hz)
     for key in ("file", "example:../../secret.toml", "example:README.md", "/etc/passwd", ""):
-        with pytest.raises(BadInput, match="allowed"):
+        with pytest.raises(BadInput, match="; "):
             ConsoleState().display(key)
     with pytest.raises(BadInput, match="not on the server any more"):
         ConsoleState().display("text:0123")

@@ -111,7 +111,7 @@ def test_controller__saturated_by_its_reference__conditioning_frees_it_at_once()
         ({"limits": Limits(-1.0, 2.0)}, "its command limit is out of range"),
         (
             {"feedback_sos": np.tile(feedback_sections(), (5, 1))},
-            "'index': feedback has 5 sections; allowed: at most 4",
+            "'index': feedback has 5 sections; expected at most 4",
         ),
     ],
 )

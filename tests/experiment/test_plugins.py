@@ -72,9 +72,9 @@ def protocol_text(keys: str) -> str:
 
 def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> None:
     text = protocol_text("trials = 24\nstep_db = 2.0").replace("[30, 90, 210]", "[30]")
-    with pytest.raises(BadInput, match="procedure: step_db is 0; allowed: a number, above 0"):
+    with pytest.raises(BadInput, match="procedure: step_db is 0; it must be a number, above 0"):
         parse_protocol(protocol_text("step_db = 0"), Protocol)
-    with pytest.raises(BadInput, match=r"reversals is not a key that is known; allowed: kind, trials, step_db"):
+    with pytest.raises(BadInput, match=r"reversals is not a known key; it must be one of kind, trials, step_db"):
         parse_protocol(protocol_text("reversals = 4"), Protocol)
     protocol = parse_protocol(text, Protocol)
     assert protocol.begin(Playable()).placement().level_db_sl == 20.0
@@ -94,10 +94,10 @@ def test_simulate__each_kind__is_judged_alike_by_its_own_rule(install) -> None:
     assert abs(quality.refit.bias_db) < 0.3
     with pytest.raises(BadInput, match="--trials 10 with imece2004"):
         simulate_kind("imece2004", Setting(10), trials=10)
-    with pytest.raises(BadInput, match="'guess'; allowed: curve, imece2004, quest-plus, up-down, weighted"):
+    with pytest.raises(BadInput, match="'guess'; expected curve, imece2004, quest-plus, up-down, weighted"):
         simulate_kind("guess", Setting(10))
     install(GROUP, "number", "Keys = 4\n", "Keys", package="second_laboratory")
-    with pytest.raises(BadInput, match="'number' refers to 4; allowed: a table that inherits from Procedure"):
+    with pytest.raises(BadInput, match="'number' refers to 4; expected a table that inherits from Procedure"):
         simulate_kind("number", Setting(10))
     paper, updown = (simulate_kind(kind, Setting(50, seed=2)) for kind in ("imece2004", "up-down"))
     assert dataclasses.asdict(paper) == dataclasses.asdict(updown)

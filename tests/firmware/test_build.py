@@ -93,7 +93,7 @@ def test_program__that_does_not_fit_or_lacks_its_tools__is_refused(tmp_path: Pat
     monkeypatch.setenv("PATH", "")
     for missing, act in (("gcc", lambda: build(find_board("stm32f405"))), ("size", lambda: memory_used(program)),
                          ("objcopy", lambda: write_program(program, tmp_path / "f.bin"))):  # fmt: skip
-        with pytest.raises(BadInput, match=f"arm-none-eabi-{missing} is missing; allowed: install it with `make"):
+        with pytest.raises(BadInput, match=f"arm-none-eabi-{missing} is missing: install it with `make"):
             act()
 
 

@@ -63,7 +63,7 @@ def test_verify__last_bit_of_a_coefficient__is_noticed_at_its_tick() -> None:
 
 def test_verify__less_than_a_second_or_another_displays_table__is_refused() -> None:
     with in_process_rig(designed().display) as rig:
-        with pytest.raises(BadInput, match=r"0\.5 s; allowed: a second or more"):
+        with pytest.raises(BadInput, match=r"0\.5 s; expected a second or more"):
             verify(rig, designed(), 0.5)
         other = replace(designed(), display=replace(designed().display, objectives=replace(
             designed().display.objectives, comfort_db_sl=50.0)))  # fmt: skip
@@ -100,4 +100,4 @@ def test_firmware__verify_over_a_port__says_so_and_ends_with_0_or_refuses(tmp_pa
     said = capsys.readouterr().out
     assert "mps2-an500: commands of 4000 ticks are bit for bit this machine's; 0 interrupts were late" in said
     assert main([*words, "simulated"]) == 2
-    assert "rig 'simulated' is no connected board; allowed: board:PORT or board:URL" in capsys.readouterr().err
+    assert "rig 'simulated' is no connected board; expected board:PORT or board:URL" in capsys.readouterr().err

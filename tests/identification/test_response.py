@@ -138,10 +138,10 @@ def test_parse__every_name__is_read_and_written_alike() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("mass=1", "fixed 'mass'; allowed: gain, pole, delay_s"),
-        ("den_s0=1", "fixed 'den_s0'; allowed: gain, pole, delay_s"),
-        ("gain", "allowed: NAME=VALUE"),
-        ("gain=large", "allowed: NAME=VALUE"),
+        ("mass=1", "fixed 'mass'; expected gain, pole, delay_s"),
+        ("den_s0=1", "fixed 'den_s0'; expected gain, pole, delay_s"),
+        ("gain", "NAME=VALUE"),
+        ("gain=large", "NAME=VALUE"),
         ("pole=nan", "a finite number"),
         ("gain=inf", "a finite number"),
         ("gain=0", "other than zero"),
@@ -171,13 +171,13 @@ def test_asked__values_that_contradict__are_refused(texts: list[str], asked: dic
 
 def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(tmp_path, capsys) -> None:
     command, position = np.random.default_rng(0).standard_normal((2, 400))
-    with pytest.raises(BadInput, match="allowed: with 'refined' alone"):
+    with pytest.raises(BadInput, match="with 'refined' alone"):
         identify(Record(1000.0, command, position), method="rls", fixed=(Fixed("gain", 1.0),))
     rows = "".join(f"{hertz:g},{1.0 / hertz:g}\n" for hertz in np.geomspace(5.0, 500.0, 20))
     (tmp_path / "sheet.csv").write_text("frequency_hz,magnitude\n" + rows)
     arguments = ["identify", str(tmp_path / "sheet.csv"), "--fix", "pole=100"]
     refused(arguments, "a magnitude without phase", capsys, tmp_path)
-    refused([*arguments[:2], "--fix", "mass=1"], "fixed 'mass'; allowed: gain, pole, delay_s", capsys, tmp_path)
+    refused([*arguments[:2], "--fix", "mass=1"], "fixed 'mass'; expected gain, pole, delay_s", capsys, tmp_path)
 
 
 def test_identify_verb__fixed_values__are_in_answer_table_and_model(tmp_path, capsys) -> None:

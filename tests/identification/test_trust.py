@@ -69,7 +69,7 @@ def test_losses__of_one_column__are_placed_to_a_few_samples(lost: int) -> None:
 def test_identify__lost_samples__are_told_with_their_place_and_the_cut_that_helps(tmp_path, capsys) -> None:
     taken = replace(BY_NAME["64 samples lost"], seconds=4.0).make(3)
     record = Record(SPOILT_HZ, taken.command, taken.position)
-    told = r"about 64 of the position at 2\.8\d* s; allowed: what lies before \(--to-s 2\.7\d*\)"
+    told = r"about 64 of the position at 2\.8\d* s; expected what lies before \(--to-s 2\.7\d*\)"
     for whole in (record, record.between(0.5, 3.9)):  # of a part the place is told in the whole
         with pytest.raises(BadInput, match=told):
             identify(whole)

@@ -83,22 +83,22 @@ def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Pat
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("rate_hz = 4000", "rate = 4000", r"known \(did you mean 'rate_hz'\?\)$"),
+        ("rate_hz = 4000", "rate = 4000", r"key \(did you mean 'rate_hz'\?\)$"),
         ("rate_hz = 4000", "rate_hz = 4,000", r"line \d+, column 12: 'rate_hz = 4,000.*': Expected newline"),
-        ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\]: rate_hz is '4000'; allowed: a number"),
-        ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; allowed: a number, above 0, up to 1000000"),
-        ("0.19898", "198.98", r"198.98 V/mm, which make 2487 V of travel_mm 12.5; allowed: up to range_v 10 V"),
+        ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\]: rate_hz is '4000'; it must be a number"),
+        ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; it must be a number, above 0, up to 1000000"),
+        ("0.19898", "198.98", r"198.98 V/mm, which make 2487 V of travel_mm 12.5; it must be up to range_v 10 V"),
         ("rate_hz = 4000", "", r"\[display\]: rate_hz is missing"),
-        ("0.19898", "-0.19898", "sensor_gain_v_per_mm is -0.19898; allowed: a number, above 0"),
-        ("travel_mm = 12.5", "travel_mm = 12.5\ncolour = 1", "colour is not a key"),
-        ("num = [2875.0], ", "", r"plant: neither one nor the other; allowed: \{ num, den \}"),
+        ("0.19898", "-0.19898", "sensor_gain_v_per_mm is -0.19898; it must be a number, above 0"),
+        ("travel_mm = 12.5", "travel_mm = 12.5\ncolour = 1", "colour is not a known key"),
+        ("num = [2875.0], ", "", r"plant: neither one nor the other; expected \{ num, den \}"),
         ("[2875.0]", "[0.0]", "plant: num is zero"),
         ("damping = 31.0", "damping = -31.0", "damping is -31"),
-        ("[threshold]", '[threshold]\ncurve = "tadoma"', "'tadoma' is not in the library"),
-        ("[threshold]", '[threshold]\ncurve = "none.csv"', "No such file"),
-        ("[threshold]", "[thresholds]", r"\[thresholds\]: not a table that is known; allowed: channel"),
+        ("[threshold]", '[threshold]\ncurve = "tadoma"', "no threshold curve 'tadoma'; expected bolanowski"),
+        ("[threshold]", '[threshold]\ncurve = "none.csv"', "file not found"),
+        ("[threshold]", "[thresholds]", r"no table \'thresholds\' \(did you mean \'threshold\'\?\)"),
         ("[[channel]]", "[channel]", "not a list of tables"),
-        ("[display]", "[display", "allowed: a TOML file"),
+        ("[display]", "[display", "line 2, column 9"),
     ],
 )
 def test_read_display__wrong_key_type_or_sign__is_told_in_one_line(tmp_path, old, new, words) -> None:
@@ -109,7 +109,7 @@ def test_read_display__wrong_key_type_or_sign__is_told_in_one_line(tmp_path, old
 
 
 def test_display_file__missing_or_documented__is_told_by_every_key(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="No such file or directory; allowed: a TOML file"):
+    with pytest.raises(BadInput, match="file not found"):
         read_display(tmp_path / "none.toml")
     text = PAGE.read_text(encoding="utf-8")
     assert {place[2] for place in TABLE.finditer(text)} == set(TABLES)
@@ -136,18 +136,18 @@ def test_read_display__measured__its_figures_and_friction_alone_is_assumed(tmp_p
     assert environment(tmp_path, "friction_v = 0.0").assumed == ()
     assert environment(tmp_path, "friction_v = 4e-3").assumed == ("presliding",)
     assert environment(tmp_path, "friction_v = 4e-3\npresliding_v = 5e-3").assumed == ()
-    with pytest.raises(BadInput, match=r"both measured and noise_v_rms are given; allowed: one of them"):
+    with pytest.raises(BadInput, match=r"both measured and noise_v_rms are given; expected one of them"):
         environment(tmp_path, "noise_v_rms = 1e-3")
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (None, "No such file"),
-        ("[]", "format is not 'tactuator-environment/1'; allowed: a file that `noise --write` wrote"),
-        ({"thumb": FOUND}, "allowed: thumb"),
-        ({}, "'index' is not in it; allowed: none"),
-        ({"index": {**FOUND, "noise_v_rms": -1.0}}, "noise_v_rms is -1; allowed: a number, 0 or more"),
+        (None, "file not found"),
+        ("[]", "format is None; it must be 'tactuator-environment/1'"),
+        ({"thumb": FOUND}, "thumb"),
+        ({}, "'index' is not in it; expected none"),
+        ({"index": {**FOUND, "noise_v_rms": -1.0}}, "noise_v_rms is -1; it must be a number, 0 or more"),
         ({"index": {**FOUND, "hum_hz": [50.0]}}, "1 hum_hz and 2 hum_v_peak"),
     ],
 )
@@ -185,12 +185,12 @@ def test_sound__wires__count_from_one_where_a_channel_does_not_say_otherwise():
     ("sound", "channel", "words"),
     [
         ({}, {}, r"\[sound\]: output_full_scale_v is missing"),
-        (FULL | {"volts": 1.0}, {}, r"\[sound\]: volts is not a key that is known; allowed: device, input_device"),
+        (FULL | {"volts": 1.0}, {}, r"\[sound\]: volts is not a known key; it must be one of device, input_device"),
         (FULL, {"output": 2}, "output 2 has two channels"),
         (FULL, {"input": 3}, "input 3 has two channels"),
-        (FULL, {"output": 0}, "output is 0; allowed: a whole number, 1 to 64"),
-        (FULL, {"device": "x"}, r"device is not a key"),
-        (FULL | {"lead_s": 5.0}, {}, "lead_s is 5; allowed: a number, 0.02 to 2"),
+        (FULL, {"output": 0}, "output is 0; it must be a whole number, 1 to 64"),
+        (FULL, {"device": "x"}, r"device is not a known key"),
+        (FULL | {"lead_s": 5.0}, {}, "lead_s is 5; it must be a number, 0.02 to 2"),
     ],
 )
 def test_sound__amiss__is_refused_in_one_line(sound: dict[str, Any], channel: dict[str, Any], words: str):
@@ -201,7 +201,7 @@ def test_sound__amiss__is_refused_in_one_line(sound: dict[str, Any], channel: di
 def test_channel__wires_or_force__want_their_table_or_mass_and_follow_newtons_law():
     document = three_finger_display()
     document["channel"][0]["output"] = 2
-    with pytest.raises(BadInput, match="output is not a key"):
+    with pytest.raises(BadInput, match="output is not a known key"):
         parse_display(document)
     channel = without_gain().channels[0]
     assert channel.quantity == "acceleration"
@@ -223,9 +223,9 @@ def without_gain(**more):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"mass_kg": 0.0}, "mass_kg is 0; allowed: a number, above 0"),
-        ({"sensor_gain_v_per_n": -1.0}, "sensor_gain_v_per_n is -1; allowed: a number, above 0"),
-        ({"quantity": "velocity"}, "mass_kg is not a key"),
+        ({"mass_kg": 0.0}, "mass_kg is 0; it must be a number, above 0"),
+        ({"sensor_gain_v_per_n": -1.0}, "sensor_gain_v_per_n is -1; it must be a number, above 0"),
+        ({"quantity": "velocity"}, "mass_kg is not a known key"),
         ({"sensor_gain_v_per_mm": 1.0}, "sensor_gain_v_per_mm is given beside quantity = 'force'"),
     ],
 )
@@ -291,11 +291,11 @@ def test_read_display__response__equalised_within_one_db_where_nobody_measured(f
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"structure": "integrator-lead-lag"}, 'no loop can be designed; allowed: structure = "none"'),
+        ({"structure": "integrator-lead-lag"}, 'no loop can be designed; expected structure = "none"'),
         ({"more": 'loads = [{ name = "finger", damping = 1.0 }]'}, "cannot be told from a response by itself"),
         ({"plant": "jump.csv"}, r"channel.*plant .*jump.csv: .*4 or more"),
         ({"more": "valid_hz = [3.0, 2.0]"}, r"valid_hz is \[3, 2\]"),
-        ({"plant": "model.json"}, "valid_hz is 7; allowed: two frequencies"),
+        ({"plant": "model.json"}, "valid_hz is 7; it must be two frequencies"),
     ],
     ids=["a loop", "a load", "three points", "valid_hz", "valid_hz of a model"],
 )
@@ -344,12 +344,12 @@ def test_read_display__several_models__designed_for_all_and_each_named(tmp_path:
 @pytest.mark.parametrize(
     ("plants", "other", "words"),
     [
-        ("[]", {}, r"plant is \[\]; allowed: paths of model files, each name once"),
+        ("[]", {}, r"plant is \[\]; it must be paths of model files, each name once"),
         ('["cold.json", 7]', {}, "paths of model files"),
         ('["cold.json", "response.csv"]', {}, "a response, for which no loop"),
-        ('["cold.json", "hot.json"]', {"quantity": "velocity"}, "quantity is 'velocity'; allowed: that of cold"),
-        ('["cold.json", "hot.json"]', {"units": {"command": "V", "position": "mm"}}, "'mm'}; allowed: that of cold"),
-        ('["cold.json", "hot.json"]', {"record": {"rate_hz": 8000.0}}, "rate_hz is 8000.0; allowed: that of cold"),
+        ('["cold.json", "hot.json"]', {"quantity": "velocity"}, "quantity is 'velocity'; it must be that of cold"),
+        ('["cold.json", "hot.json"]', {"units": {"command": "V", "position": "mm"}}, "'mm'}; it must be that of cold"),
+        ('["cold.json", "hot.json"]', {"record": {"rate_hz": 8000.0}}, "rate_hz is 8000.0; it must be that of cold"),
         ('["cold.json", "hot.json"]', {"valid_hz": [500, 600]}, "valid at no frequency in common"),
     ],
     ids=["none", "a number", "a response", "quantity", "unit", "rate", "band"],
@@ -459,10 +459,10 @@ def test_controller__of_another_display_or_changed_by_hand__is_refused(tmp_path:
     other = ChannelController("thumb", 0.004, SECTION, None, AntiWindup(), Limits(10.0, 2.4))
     with pytest.raises(BadInput, match="is for channels thumb; the display has index"):
         Controller(SHOWN, (other,))
-    with pytest.raises(BadInput, match="channel 'thumb' is not there; allowed: index"):
+    with pytest.raises(BadInput, match="channel 'thumb' is not there; expected index"):
         made().channel("thumb")
     path = tmp_path / "c.json"
     write_controller(path, made())
     path.write_text(path.read_text().replace("4000.0", "4001.0"))
-    with pytest.raises(BadInput, match="its hash does not fit its contents; allowed: a file as `design` wrote it"):
+    with pytest.raises(BadInput, match="its hash does not fit its contents; expected a file as `design` wrote it"):
         read_controller(path)

@@ -145,16 +145,16 @@ def _nan(y: np.ndarray) -> np.ndarray:
         ("t,u,y", (TIME, U, _nan(Y)), {}, "row 42"),
         ("t,u,y", (TIME, U, Y), {"rate_hz": 3000.0}, "time stamps say 4000"),
         ("t,u,y", (TIME, U, Y), {"rate_hz": -1.0}, "positive"),
-        ("t,u,y", (TIME, U, Y), {"input_name": "force"}, "no input column 'force'; allowed: t, u, y"),
+        ("t,u,y", (TIME, U, Y), {"input_name": "force"}, "no input column 'force'; expected t, u, y"),
         ("t,u,y", (TIME, U, Y), {"output_name": "u"}, "both 'u'"),
-        ("t,u,y", (TIME, U, Y), {"output_name": "t"}, "'t' is the position and the time; allowed: another"),
+        ("t,u,y", (TIME, U, Y), {"output_name": "t"}, "'t' is the position and the time; expected another"),
         ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, r"which column is which.*position \(output\) \(and time\), each"),
         ("u,y", (U, Y), {}, "no rate"),
         ("t,u,y", (TIME[::-1], U, Y), {}, "ascend"),
         ("t,u,y", (np.where(np.arange(2000) > 900, TIME + 0.5, TIME), U, Y), {}, "are missing"),
         ("t,u,y", (_nan(TIME), U, Y), {}, "stamp in row 42"),
-        ("t,u,y", (TIME, 1e200 * U, Y), {}, r"the largest u is \S+e\+200; allowed: 1e-100 to 1e\+100"),
-        ("t,u,y", (TIME, U, 1e-200 * Y), {}, r"the largest y is \S+e-20\d; allowed: 1e-100"),
+        ("t,u,y", (TIME, 1e200 * U, Y), {}, r"the largest u is \S+e\+200; expected 1e-100 to 1e\+100"),
+        ("t,u,y", (TIME, U, 1e-200 * Y), {}, r"the largest y is \S+e-20\d; expected 1e-100"),
     ],
 )
 def test_csv__amiss__is_refused_in_one_line(tmp_path: Path, header, given, options, match: str) -> None:
@@ -262,7 +262,7 @@ NAN[3, 1] = np.nan
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
-        ("none.wav", None, "no such file"),
+        ("none.wav", None, "file not found"),
         ("none.txt", None, "ending"),
         ("text.wav", lambda path: path.write_text("words"), "cannot be read"),
         ("plain.wav", lambda path: write_plain(path, np.zeros((10, 2))), "no scale in its INFO comment"),

@@ -19,7 +19,7 @@ from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
 from tactuator.experiment.store.store import Store
 from tactuator.io import columns
 from tactuator.io.atomic import atomic_folder, atomic_path, write_text
-from tactuator.io.columns import last_number_cut_off, read_columns, read_table
+from tactuator.io.columns import read_columns
 from tactuator.io.controller import write_controller
 from tactuator.io.csv_tables import (
     read_contours,
@@ -46,6 +46,7 @@ from tactuator.io.shipped import (
     example_names,
     with_model,
 )
+from tactuator.io.text_table import last_number_cut_off, read_table
 from tactuator.model.description import TABLES, keys_of
 from tactuator.model.plant_model import PlantModel
 from tactuator.perception.contours import Contours
@@ -257,7 +258,7 @@ def test_verb__file_of_another_kind__says_what_it_is_and_what_takes_it(command: 
     for noun in others[:3]:
         kind, name = KINDS[noun.split()[0]], FILES[noun]
         words = command.replace("FILE", str(folder / name)).replace("GOOD", str(folder)).split()
-        refused(*words, said=f"this is {kind.words}: {kind.goes}; allowed: ")
+        refused(*words, said=f"this is {kind.words}: {kind.goes}; expected ")
 
 
 def test_kind__of_what_is_none__is_not_guessed(tmp_path: Path) -> None:
@@ -450,7 +451,7 @@ def test_atomic__store_of_an_experiment_no_folder_or_a_file_in_the_way__is_refus
     # a folder that even root cannot write to is in /proc
     for writing, words in (
         (atomic_path(tmp_path / "none" / "a.txt"), "is not a folder"),
-        (atomic_folder(tmp_path / "file", OURS), "is a file; allowed: a folder"),
+        (atomic_folder(tmp_path / "file", OURS), "is a file; expected a folder"),
         (atomic_folder(tmp_path / "file" / "below" / "c", OURS), "cannot be made"),
         (atomic_folder("/proc/none/report", OURS), r"cannot be (made|written)"),
     ):

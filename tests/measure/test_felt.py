@@ -103,7 +103,7 @@ def test_compare_felt__sample_on_every_finger__within_1_db_in_the_median(control
 
 
 def test_comparison__shapes_or_a_channel_that_do_not_fit__refused(controller):
-    with pytest.raises(BadInput, match="allowed"):
+    with pytest.raises(BadInput, match="; "):
         FeltComparison(controller).push(np.zeros((10, 3)), np.zeros((9, 3)))
     with pytest.raises(BadInput, match="ring"):
         ChannelPrediction.of(controller, "ring")

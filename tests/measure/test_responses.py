@@ -116,10 +116,10 @@ def options_of(asked) -> MeasurementOptions:
         ({"frequency_hz": [10.0], "level_db_sl": 56.0}, r"level \(--level\) of 56 dB SL; .*comfortable"),
         ({"frequency_hz": [10.0], "level_db_sl": float("nan")}, "comfortable"),
         ({"frequency_hz": [10.0], "level_db_sl": -(2.0**63)}, "comfortable"),
-        ({"frequency_hz": [], "level_db_sl": 10.0}, "allowed"),
+        ({"frequency_hz": [], "level_db_sl": 10.0}, "; "),
         ({"frequency_hz": [1900.0], "level_db_sl": 10.0}, "below"),
         ({"frequency_hz": [10.0], "level_db_sl": 10.0, "channels": ["toe"]}, "toe"),
-        ({"frequency_hz": [10.0], "level_db_sl": 10.0, "confidence_db": 0.0}, "confidence_db is 0; allowed: above 0"),
+        ({"frequency_hz": [10.0], "level_db_sl": 10.0, "confidence_db": 0.0}, "confidence_db is 0; it must be above 0"),
     ],
 )
 def test_response__impossible__is_refused_before_anything_moves(asked, match: str) -> None:

@@ -77,7 +77,7 @@ def test_plant_of_response__beam_between_its_points__no_farther_off_than_it_says
 
 
 def test_plant_of_response__nothing_follows__refused() -> None:
-    with pytest.raises(BadInput, match="allowed: more points where it turns sharply"):
+    with pytest.raises(BadInput, match="more points where it turns sharply"):
         plant_of_response(measured(Beam(25.0, 0.02), 12))
 
 

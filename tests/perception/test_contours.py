@@ -64,14 +64,14 @@ def test_band__at_points_between_and_without_one__is_about_the_contour() -> None
 @pytest.mark.parametrize(
     ("hertz", "levels", "table", "reference_hz", "words"),
     [
-        ([30.0, 100.0], [10.0], [[10.0, 10.0, 1.0]], 100.0, "db_sl is 1 x 3; allowed: 1 x 2"),
+        ([30.0, 100.0], [10.0], [[10.0, 10.0, 1.0]], 100.0, "db_sl is 1 x 3; expected 1 x 2"),
         ([30.0], [10.0], [[10.0]], 100.0, "1 frequencies and 1 contours"),
         ([100.0, 30.0], [10.0], [[10.0, 10.0]], 100.0, "frequencies 100, 30"),
         ([30.0, 100.0], [20.0, 10.0], [[20.0, 20.0], [10.0, 10.0]], 100.0, "strength levels 20, 10"),
         ([30.0, 100.0], [10.0, 20.0], [[12.0, 10.0], [12.0, 20.0]], 100.0, "12 dB SL at 30 Hz on the contour of 20"),
         ([30.0, 100.0], [10.0], [[-1.0, 10.0]], 100.0, "-1 dB SL at 30 Hz"),
         ([30.0, 100.0], [10.0], [[10.0, np.nan]], 100.0, "not a finite number"),
-        ([30.0, 100.0], [10.0], [[10.0, 10.0]], 160.0, "reference_hz.*160 Hz; allowed: within 30 to 100 Hz"),
+        ([30.0, 100.0], [10.0], [[10.0, 10.0]], 160.0, "reference_hz.*160 Hz; it must be within 30 to 100 Hz"),
         ([30.0, 100.0], [10.0], [[10.0, 12.0]], 100.0, r"\+2.00 dB from the strength level at 100 Hz"),
     ],
 )
@@ -116,10 +116,10 @@ def test_library__every_curve__tells_its_provenance() -> None:
 @pytest.mark.parametrize(
     ("frequency", "level", "words"),
     [
-        ([1.0, 2.0], [0.0, 0.0], "2 points; allowed: three or more"),
+        ([1.0, 2.0], [0.0, 0.0], "2 points; expected three or more"),
         ([1.0, 3.0, 2.0], [0.0, 0.0, 0.0], "2 Hz is out of order"),
         ([1.0, 2.0, 2.0], [0.0, 0.0, 0.0], "2 Hz stands twice"),
-        ([-1.0, 2.0, 3.0], [0.0, 0.0, 0.0], "frequency -1 Hz; allowed: positive"),
+        ([-1.0, 2.0, 3.0], [0.0, 0.0, 0.0], "frequency -1 Hz; expected positive"),
         ([1.0, 2.0, 3.0], [0.0, 0.0], "3 frequencies and 2 levels"),
         ([1.0, 2.0, 3.0], [0.0, np.nan, 0.0], "not a finite number"),
     ],
@@ -130,9 +130,9 @@ def test_curve__not_a_curve__is_refused(frequency: list[float], level: list[floa
 
 
 def test_curve__of_unknown_name_or_provenance__is_refused_with_what_is_allowed() -> None:
-    with pytest.raises(BadInput, match="'tadoma' is not in the library; allowed: bolanowski-1988, morioka-griffin"):
+    with pytest.raises(BadInput, match="'tadoma' is not in the library; expected bolanowski-1988, morioka-griffin"):
         curve("tadoma")
-    with pytest.raises(BadInput, match="provenance is 'heard'; allowed: \"measured"):
+    with pytest.raises(BadInput, match="provenance is 'heard'; it must be \"measured"):
         ThresholdCurve("made", np.arange(1.0, 4.0), np.zeros(3), "heard", "")  # type: ignore[arg-type]
     with pytest.raises(BadInput, match="a level beyond 200 dB"):
         RelativeCurve(np.array([10.0]), np.array([1e300]))

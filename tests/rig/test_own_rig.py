@@ -22,7 +22,7 @@ def test_example__of_the_page__has_at_most_60_lines() -> None:
 def test_open_rig__example_installed__is_found_by_its_name() -> None:
     with installed_example() as name:
         assert type(open_rig(name, DISPLAY)).__name__ == "ComputedRig"
-        with pytest.raises(BadInput, match=f"allowed: board, in-process, {name}, simulated, sound"):
+        with pytest.raises(BadInput, match=f"board, in-process, {name}, simulated, sound"):
             open_rig("toaster", DISPLAY)
 
 
@@ -47,8 +47,8 @@ def opened(rest, display, seed):
     ("rig", "status", "words"),
     [
         ("own:hot", 3, "the amplifier is hot"),
-        ("own:cold", 2, "amplifier 'cold'; allowed: hot"),
-        ("own:nothing", 2, "rig 'own:nothing' is a int; allowed: what has all that tactuator.rig.rig.Rig asks for"),
+        ("own:cold", 2, "amplifier 'cold'; expected hot"),
+        ("own:nothing", 2, "rig 'own:nothing' is a int; expected what has all that tactuator.rig.rig.Rig asks for"),
     ],
 )
 def test_measure__own_rig_that_fails__one_line_and_the_status(rig, status, words, install, tmp_path, capsys) -> None:

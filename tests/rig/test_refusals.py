@@ -234,7 +234,7 @@ def test_play__fault__rests_and_tells(reference, fails_after):
 @pytest.mark.parametrize(
     ("samples", "options", "words"),
     [
-        (np.ones((400, 2)), {"rate_hz": 8000.0}, "8000 Hz; allowed: 4000 Hz on this rig"),
+        (np.ones((400, 2)), {"rate_hz": 8000.0}, "8000 Hz; expected 4000 Hz on this rig"),
         (np.ones((400, 2)), {"channels": ("a", "c")}, "channels a, c"),
         (np.full((400, 2), 600.0), {}, "peak at 55.6 dB SL"),
     ],

@@ -119,7 +119,7 @@ def test_delta_coefficients__leading_a0__divides_it_out() -> None:
 
 
 def test_delta_coefficients__too_many_or_beyond_single_precision__is_refused() -> None:
-    with pytest.raises(BadInput, match="prefilter has 9 sections; allowed: at most 8"):
+    with pytest.raises(BadInput, match="prefilter has 9 sections; expected at most 8"):
         delta_coefficients_single(np.tile(feedback_sections(), (9, 1)), 8, "prefilter")
-    with pytest.raises(BadInput, match="allowed: what single precision holds"):
+    with pytest.raises(BadInput, match="what single precision holds"):
         delta_coefficients_single([[1e39, 0.0, 0.0, 1.0, 0.0, 0.0]], 8, "prefilter")

@@ -168,12 +168,12 @@ def test_wiring__polarity_and_offset__change_nothing_but_rounding() -> None:
 MANY = Environment(hum_hz=tuple(60.0 * i for i in range(1, 10)), hum_v_peak=(1e-3,) * 9)
 REFUSED = [
     (lambda: Simulation(display()).play(np.zeros((10, 3))), "no controller is loaded"),
-    (lambda: Simulation(display()).load(controller(display(channel()))), "channels index; allowed: index, thumb, mid"),
-    (lambda: Simulation(display()).load(controller(display(rate_hz=8000.0))), "8000 Hz and a delay of 1; allowed: 400"),
-    (lambda: Simulation(display()).drive(np.zeros((10, 3)), np.zeros((9, 3))), "force has 9 samples; allowed: 10"),
-    (lambda: Simulation(display(), -1), "allowed: 0 to 4294967295"),
-    (lambda: Simulation(display(), 2**32), "allowed: 0 to 4294967295"),
-    (lambda: Simulation(display(channel(environment=MANY))), "9 lines of hum; allowed: at most 8"),
+    (lambda: Simulation(display()).load(controller(display(channel()))), "channels index; expected index, thumb, mid"),
+    (lambda: Simulation(display()).load(controller(display(rate_hz=8000.0))), "8000 Hz and a delay of 1; expected 400"),
+    (lambda: Simulation(display()).drive(np.zeros((10, 3)), np.zeros((9, 3))), "force has 9 samples; expected 10"),
+    (lambda: Simulation(display(), -1), "0 to 4294967295"),
+    (lambda: Simulation(display(), 2**32), "0 to 4294967295"),
+    (lambda: Simulation(display(channel(environment=MANY))), "9 lines of hum; expected at most 8"),
 ]
 
 
@@ -304,10 +304,10 @@ def test_quantity__velocity_without_a_zero_at_rest__is_integrated() -> None:
 
 
 REFUSED_PLANTS = [
-    ([-1.0, -2.0], [-3.0], 0.0, 1, "2 zeros and 1 poles; allowed: no more zeros than poles"),
-    ([], -np.arange(1.0, 10.0), 0.0, 1, "order 9 here; allowed: 1 to 8"),
+    ([-1.0, -2.0], [-3.0], 0.0, 1, "2 zeros and 1 poles; expected no more zeros than poles"),
+    ([], -np.arange(1.0, 10.0), 0.0, 1, "order 9 here; expected 1 to 8"),
     ([-5.0], [-3.0], 0.0, 0, "answers at once and delay_samples is 0"),
-    ([], [-3.0], 0.1, 1, "dead time is 400 samples; allowed: below 256"),
+    ([], [-3.0], 0.1, 1, "dead time is 400 samples; expected below 256"),
 ]
 
 

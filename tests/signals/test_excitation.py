@@ -133,7 +133,7 @@ ACCELEROMETER = ContinuousSystem(np.zeros(2), np.roots([1.0, 100.0, 1e5]), 1.0)
     ],
 )
 def test_excitation__impossible__is_refused(call) -> None:
-    with pytest.raises(BadInput, match="allowed"):
+    with pytest.raises(BadInput, match="; "):
         call()
 
 
@@ -224,13 +224,13 @@ def test_third_octave_bands__two_to_250__are_the_nominal_ones_edge_by_edge() -> 
     [
         (lambda: lock_in(np.zeros(100), 2000.0, RATE_HZ), "allowed"),
         (lambda: lock_in(np.zeros(4), [10.0, 20.0], RATE_HZ), "samples"),
-        (lambda: power_spectrum(np.zeros(100), RATE_HZ, 1.0), "allowed"),
-        (lambda: tone(0.0, 1.0, 1.0, RATE_HZ), "allowed"),
-        (lambda: tone(9.0, 1.0, 0.0, RATE_HZ), "allowed"),
-        (lambda: ramps(10, RATE_HZ, 1.0), "allowed"),
-        (lambda: third_octave_bands(0.0, 10.0), "allowed: 0 < low"),
-        (lambda: third_octave_bands(-1.0, 10.0), "allowed: 0 < low"),
-        (lambda: third_octave_bands(20.0, 10.0), "allowed: 0 < low"),
+        (lambda: power_spectrum(np.zeros(100), RATE_HZ, 1.0), "; "),
+        (lambda: tone(0.0, 1.0, 1.0, RATE_HZ), "; "),
+        (lambda: tone(9.0, 1.0, 0.0, RATE_HZ), "; "),
+        (lambda: ramps(10, RATE_HZ, 1.0), "; "),
+        (lambda: third_octave_bands(0.0, 10.0), "0 < low"),
+        (lambda: third_octave_bands(-1.0, 10.0), "0 < low"),
+        (lambda: third_octave_bands(20.0, 10.0), "0 < low"),
     ],
 )
 def test_spectra__impossible__is_refused(call, words: str) -> None:

@@ -174,8 +174,8 @@ IMPROPER = ContinuousSystem(np.array([-1.0, -2.0]), np.array([-3.0]), 1.0)
 @pytest.mark.parametrize(
     ("method", "system", "words"),
     [
-        ("zoh", IMPROPER, "2 zeros and 1 poles; allowed: no more zeros than poles"),
-        ("bilinear", IMPROPER, "2 zeros and 1 poles; allowed: no more zeros than poles"),
+        ("zoh", IMPROPER, "2 zeros and 1 poles; expected no more zeros than poles"),
+        ("bilinear", IMPROPER, "2 zeros and 1 poles; expected no more zeros than poles"),
         ("bilinear", ContinuousSystem(MOTOR.zeros, MOTOR.poles, 1.0, 0.5 / 4000.0), r"dead time is 0\.5 samples"),
         ("bilinear", ContinuousSystem(np.empty(0), np.array([8000.0]), 1.0), "twice the rate"),
     ],

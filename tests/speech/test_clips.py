@@ -85,7 +85,7 @@ def test_haptic__points__are_strength_pitch_and_taps(tmp_path) -> None:
     (tone,) = read(tmp_path, "a.haptic", changed(HAPTIC, (*ENVELOPES, "frequency"), None)).tones
     assert tone.pitch.at(np.array(0.2)) == 0.5
     late = changed(HAPTIC, (*ENVELOPES, "frequency", 1, "time"), 0.3001)
-    with pytest.raises(BadInput, match=r"a point at 0.3001 s; allowed: up to the amplitude's end, 0.3 s.*--legacy"):
+    with pytest.raises(BadInput, match=r"a point at 0.3001 s; expected up to the amplitude's end, 0.3 s.*--legacy"):
         read(tmp_path, "a.haptic", late)
     assert read(tmp_path, "a.haptic", late, legacy=True).duration_s == 0.3
 
@@ -96,21 +96,21 @@ POINTS = (*ENVELOPES, "amplitude")
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (("version", "major"), 2, "major is 2; allowed: 1"),
+        (("version", "major"), 2, "major is 2; it must be 1"),
         (("signals",), None, "signals is missing"),
-        (POINTS, [], "0 points; allowed: two points or more"),
+        (POINTS, [], "0 points; expected two points or more"),
         (POINTS, [{"time": 0.0, "amplitude": 0.1}], "1 points"),
         (POINTS, [{"time": 0.0, "amplitude": 0.1}] * 2, "a duration of 0 s"),
         (POINTS, 3, "no list of tables"),
-        ((*POINTS, 2, "time"), 0.05, "0.05 s after 0.1 s; allowed: times that do not decrease"),
-        ((*POINTS, 0, "time"), -1.0, "time is -1; allowed: 0 to 600"),
-        ((*POINTS, 1, "amplitude"), 1.5, r"amplitude\[1\]: amplitude is 1.5; allowed: 0 to 1"),
-        ((*POINTS, 1, "amplitude"), "loud", "amplitude is 'loud'; allowed: a number"),
-        ((*POINTS, 1, "amplitude"), True, "amplitude is True; allowed: a number"),
-        ((*POINTS, 1, "emphasis", "amplitude"), 0.5, "amplitude is 0.5; allowed: the envelope's 0.6 or more"),
-        ((*POINTS, 1, "emphasis", "amplitude"), -0.2, "amplitude is -0.2; allowed: 0 to 1"),
-        ((*POINTS, 1, "emphasis", "frequency"), 1.1, "frequency is 1.1; allowed: 0 to 1"),
-        ((*POINTS, 1, "emphasis"), 3, "emphasis: 3; allowed: a table"),
+        ((*POINTS, 2, "time"), 0.05, "0.05 s after 0.1 s; expected times that do not decrease"),
+        ((*POINTS, 0, "time"), -1.0, "time is -1; it must be 0 to 600"),
+        ((*POINTS, 1, "amplitude"), 1.5, r"amplitude\[1\]: amplitude is 1.5; it must be 0 to 1"),
+        ((*POINTS, 1, "amplitude"), "loud", "amplitude is 'loud'; it must be a number"),
+        ((*POINTS, 1, "amplitude"), True, "amplitude is True; it must be a number"),
+        ((*POINTS, 1, "emphasis", "amplitude"), 0.5, "amplitude is 0.5; it must be the envelope's 0.6 or more"),
+        ((*POINTS, 1, "emphasis", "amplitude"), -0.2, "amplitude is -0.2; it must be 0 to 1"),
+        ((*POINTS, 1, "emphasis", "frequency"), 1.1, "frequency is 1.1; it must be 0 to 1"),
+        ((*POINTS, 1, "emphasis"), 3, "emphasis: 3; expected a table"),
     ],
 )
 def test_haptic__rule_broken__is_refused_with_it(tmp_path, path, value, said) -> None:
@@ -137,10 +137,10 @@ def test_ahap__controls_and_sound__multiply_add_and_clamp_or_are_passed_over(tmp
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (("Version",), 2.0, "Version is 2; allowed: 1 to 1"),
+        (("Version",), 2.0, "Version is 2; expected 1 to 1"),
         (("Pattern",), None, "Pattern is missing"),
         (("Pattern",), [], "no haptic event"),
-        (("Pattern", 1), {"ParameterCurves": {}}, r"Pattern\[1\]: ParameterCurves; allowed: Event, ParameterCurve"),
+        (("Pattern", 1), {"ParameterCurves": {}}, r"Pattern\[1\]: ParameterCurves; expected Event, ParameterCurve"),
         (("Pattern", 1, "Event", "EventType"), "Buzz", "EventType is 'Buzz'"),
         (("Pattern", 1, "Event", "EventDuration"), None, "EventDuration is missing"),
         (("Pattern", 1, "Event", "Time"), -1.0, "Time is -1"),

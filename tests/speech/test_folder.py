@@ -85,7 +85,7 @@ def test_render_folder__one_process_or_two__same_bytes_and_failures_listed(job, 
     assert here == pool
     assert [file["source"] for file in here.files] == sorted(GOOD)
     assert [failure["source"] for failure in here.failures] == BAD
-    assert all("\n" not in failure["error"] and "allowed" in failure["error"] for failure in here.failures)
+    assert all("\n" not in failure["error"] and "; " in failure["error"] for failure in here.failures)
 
 
 def test_render_folder__interrupted__goes_on_and_keeps_what_is_whole(job, speech, tmp_path):
@@ -146,7 +146,7 @@ def test_render_folder__worker_killed__is_told_and_gone_on_with(job, speech, tmp
         for worker in [worker for server in servers for worker in server.children()]:
             worker.kill()
 
-    with pytest.raises(DeviceFault, match=r"ended at work on .*long.*; allowed: the"), workers_of(2) as workers:
+    with pytest.raises(DeviceFault, match=r"ended at work on .*long.*; expected the"), workers_of(2) as workers:
         for number in range(6):  # longer than the workers live
             speak(speech / f"long{number}.wav", 200.0, 60.0)
         render_folder(speech, tmp_path / "out", job, workers, lambda done, total: done and kill(done, total))

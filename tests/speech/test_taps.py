@@ -85,7 +85,7 @@ def test_textgrid__in_either_form_with_other_tiers__has_its_phones_by_taps_names
     [
         (HEAD + tier(1, "a", (0.4, 0.5, "B"), (0.2, 0.4, "IY")), "go back"),
         (HEAD + tier(1, "a", (1e9, 2e9, "B")), "beyond 0 to 3600 s"),
-        (HEAD + tier(1, "a", (0.4, 0.5, "QQ")), "phoneme 'QQ'; allowed: ARPAbet: AA"),
+        (HEAD + tier(1, "a", (0.4, 0.5, "QQ")), "phoneme 'QQ'; expected ARPAbet: AA"),
         (HEAD + tier(1, "a", (0.4, 0.5, "sil")), "0 phonemes"),
         (SHORT_GRID, "damaged"),
         (LONG_GRID.replace('"phones"', '"letters"'), "tiers words, letters"),

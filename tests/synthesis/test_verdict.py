@@ -256,9 +256,9 @@ def test_outcome__some_met_some_open__is_not_met() -> None:
 @pytest.mark.parametrize(
     ("limits", "threshold_voltage_dc", "words"),
     [
-        ((1e6, 2.0), 1.0, r"command_v is 1e\+06; allowed: above 0, at most 10 V"),
+        ((1e6, 2.0), 1.0, r"command_v is 1e\+06; expected above 0, at most 10 V"),
         ((10.0, -2.0), 1.0, "travel_v is -2"),
-        ((10.0, 2.0, 90.0), 1.0, "comfort_db_sl is 90; allowed: above 0, at most 55"),
+        ((10.0, 2.0, 90.0), 1.0, "comfort_db_sl is 90; it must be above 0, at most 55"),
         ((float("nan"), 2.0), 1.0, "command_v is nan"),
         *(((10.0, 2.0), value, "threshold_voltage_dc") for value in (0.0, -1.0, float("inf"))),
     ],
@@ -271,9 +271,9 @@ def test_judge__limits_beyond_the_displays_or_threshold_of_nothing__refused(limi
 
 
 def test_judge__another_display__refused() -> None:
-    with pytest.raises(BadInput, match="is for channels index; allowed: index, thumb, middle, as the display has"):
+    with pytest.raises(BadInput, match="is for channels index; expected index, thumb, middle, as the display has"):
         judge(paper_controller(), three_fingers())
-    with pytest.raises(BadInput, match="is for 4000 Hz and a delay of 1; allowed: 8000 Hz and 1, as the display has"):
+    with pytest.raises(BadInput, match="is for 4000 Hz and a delay of 1; expected 8000 Hz and 1, as the display has"):
         judge(paper_controller(), replace(paper_alone(), rate_hz=8000.0))
 
 

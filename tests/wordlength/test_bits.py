@@ -84,7 +84,7 @@ def test_is_stable__loop__is_the_verdict_on_the_unrounded_loop(gain: float) -> N
 
 
 def test_quantised_rows__form_that_is_not_there__is_refused() -> None:
-    with pytest.raises(BadInput, match="form 'lattice'; allowed: direct, sections, delta"):
+    with pytest.raises(BadInput, match="form 'lattice'; expected direct, sections, delta"):
         quantised_rows(feedback_sections(), "lattice", 30, 4000.0)  # type: ignore[arg-type]
 
 
@@ -165,10 +165,10 @@ def test_at_rate__anti_windup__acts_at_the_same_speed() -> None:
 @pytest.mark.parametrize(
     ("rate_hz", "words"),
     [
-        (0.0, "rate_hz is 0; allowed: a number, above 0"),
-        (float("nan"), "rate_hz is nan; allowed"),
-        (1e7, r"rate_hz is 1(e\+07|0000000).*allowed"),
-        (700.0, "rate_hz is 700 for a band up to 300 Hz; allowed: 1200 or more"),
+        (0.0, "rate_hz is 0; it must be a number, above 0"),
+        (float("nan"), "rate_hz is nan; it must be"),
+        (1e7, r"rate_hz is 1(e\+07|0000000).*; "),
+        (700.0, "rate_hz is 700 for a band up to 300 Hz; it must be 1200 or more"),
     ],
 )
 def test_at_rate__rate_that_a_display_cannot_have__is_refused(rate_hz: float, words: str) -> None:

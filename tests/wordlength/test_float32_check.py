@@ -46,7 +46,7 @@ def test_check__command_too_weak_for_the_tone__round_off_alone_is_judged() -> No
 
 def test_check__loop_that_does_not_close__is_not_stable_and_no_image_is_built() -> None:
     assert check_float32(louder(MADE, 60.0)) == Float32Check(False)
-    with pytest.raises(BadInput, match=r"float32 is not safe for this controller \(unstable\); allowed: what"):
+    with pytest.raises(BadInput, match=r"float32 is not safe for this controller \(unstable\); expected what"):
         built(louder(MADE, 60.0))
 
 

@@ -285,11 +285,8 @@ def image(
     True
     """
     require_kind(Path(file), "image")
-    try:
+    with within(f"image {file}"):
         content = read_content(Path(file))
-    except BadInput as error:
-        raise BadInput(f"image {file}: {error}", "a file that `build` wrote") from None
-    with within(f"{file}"):
         read_of = _image(content, file)
     if controller is None:
         return read_of

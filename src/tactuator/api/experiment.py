@@ -24,7 +24,7 @@ from tactuator.api.parameters import (
 )
 from tactuator.api.progress import say, working
 from tactuator.entry_points import plugins
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, unknown, within
 from tactuator.experiment.export import export as exported
 from tactuator.experiment.procedure.procedure import GROUP, Playable
 from tactuator.experiment.protocol.file import read_protocol
@@ -43,7 +43,17 @@ from tactuator.io.csv_tables import read_relative_curve, write_curve
 from tactuator.parameters import from_table
 from tactuator.perception.curve import RelativeCurve
 from tactuator.plain import finite
-from tactuator.result import NOBODY_FELT_IT, Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
+from tactuator.result import (
+    Chart,
+    ChartLine,
+    Column,
+    Fact,
+    Result,
+    ResultTable,
+    data,
+    found,
+    rows_of,
+)
 from tactuator.rig.rig import require_finger_ports, usual_load
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
@@ -185,27 +195,25 @@ class ObservedResult(Result):
     store: Place
     truth: tuple[tuple[str, float, float], ...]
 
-    def columns(self) -> Mapping[str, Any]:
-        names = ("subject", "frequency_hz", "true_db_re_1um", "simulated")
-        return columns_of(names, [(*row, "simulated") for row in self.truth])
+    def table(self) -> Sequence[Column]:
+        return [
+            Column("subject", [subject for subject, _, _ in self.truth], "simulated subject"),
+            Column("frequency_hz", [hertz for _, hertz, _ in self.truth], "frequency (Hz)"),
+            Column("true_db_re_1um", [level for _, _, level in self.truth], "true threshold (dB re 1 µm)", ".1f"),
+            Column("simulated", ["simulated"] * len(self.truth)),
+        ]
 
     def facts(self) -> Sequence[Fact]:
-        columns, subjects = self.columns(), dict.fromkeys(subject for subject, *_ in self.truth)
-        truth = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        subjects = dict.fromkeys(subject for subject, *_ in self.truth)
         answered = ", ".join(subjects) or "nothing left to do, all have gone through the study"
         return [
             Fact("store", self.store, "store", summary=True),
-            Fact("truth", truth),
+            Fact("truth", rows_of(self.table())),
             found("simulated subjects", f"{answered} (nobody felt this)"),
         ]
 
     def next_step(self) -> str:
         return f"tactuator experiment thresholds --store {self.store}"
-
-    def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple((subject, f"{hertz:.4g}", f"{level:.1f}") for subject, hertz, level in self.truth)
-        columns = ("subject", "frequency (Hz)", "true threshold (dB re 1 µm)")
-        return [ResultTable("simulated subjects", columns, rows, (NOBODY_FELT_IT,))] if rows else []
 
 
 def observe(
@@ -478,13 +486,13 @@ class QualityResult(Result):
             ]
         return [*facts, *data(self.figures), Fact("simulated", True)]
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        at = tuple(
-            (f"{row['frequency_hz']:.4g}", f"{row['rms_error_db']:.2f}", f"{row['coverage95']:.2f}")
-            for row in self.figures.get("by_frequency", ())
-        )
-        heads = ("frequency (Hz)", "rms error (dB)", _WORDS["coverage95"])
-        return [ResultTable("by frequency, simulated", heads, at)] if at else []
+    def table(self) -> Sequence[Column]:
+        rows = self.figures.get("by_frequency", ())
+        return [
+            Column("frequency_hz", [row["frequency_hz"] for row in rows], "frequency (Hz)"),
+            Column("rms_error_db", [row["rms_error_db"] for row in rows], "rms error (dB)", ".2f"),
+            Column("coverage95", [row["coverage95"] for row in rows], _WORDS["coverage95"], ".2f"),
+        ]
 
 
 _SUMMARISED = (
@@ -543,7 +551,7 @@ def simulate(
     Raises BadInput for an effect without a spread, and where no number of subjects finds it.
     """
     if procedure not in plugins(GROUP):
-        raise BadInput(repr(procedure), ", ".join(plugins(GROUP)), key="--procedure")
+        raise unknown("procedure", procedure, plugins(GROUP))
     if (effect_db is None) != (spread_db is None):
         raise BadInput("one of --effect-db and --spread-db", "both, or neither: no spread is assumed")
     study = None

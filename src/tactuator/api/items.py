@@ -11,7 +11,7 @@ from tactuator.api.option import Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, Seed, chosen_controller
 from tactuator.api.progress import working
 from tactuator.io.atomic import atomic_folder, write_text
-from tactuator.result import Fact, Result, ResultTable, found
+from tactuator.result import Column, Fact, Result, found, rows_of
 from tactuator.speech.items import (
     CUTANEOUS,
     KINESTHETIC,
@@ -42,11 +42,15 @@ class ItemsResult(Result):
     def notices(self) -> Sequence[str]:
         return self.notes
 
-    def facts(self) -> Sequence[Fact]:
-        items = [
-            {"label": item.label, "file": item.path.name, "max_reduction_db": item.max_reduction_db}
-            for item in self.items
+    def table(self) -> Sequence[Column]:
+        return [
+            Column("label", [item.label for item in self.items], "item"),
+            Column("file", [item.path.name for item in self.items]),
+            Column("max_reduction_db", [item.max_reduction_db for item in self.items], "limiter", _limited),
         ]
+
+    def facts(self) -> Sequence[Fact]:
+        items = rows_of(self.table())
         limited = sum(item.max_reduction_db > 0.0 for item in self.items)
         return [
             Fact("out", self.out, "folder", summary=True),
@@ -60,12 +64,9 @@ class ItemsResult(Result):
     def next_step(self) -> str:
         return f"tactuator experiment recognise {self.out / PROTOCOL} --store answers.db"
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple(
-            (item.label, f"{item.max_reduction_db:.1f} dB" if item.max_reduction_db else "not needed")
-            for item in self.items
-        )
-        return [ResultTable("Items", ("item", "limiter"), rows)]
+
+def _limited(reduction_db: float) -> str:
+    return f"{reduction_db:.1f} dB" if reduction_db else "not needed"
 
 
 def waveforms(

@@ -25,7 +25,7 @@ from tactuator.api.parameters import (
     put_load,
 )
 from tactuator.api.progress import working
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.identification.by_response import ResponseFit, identify_response
 from tactuator.identification.calibration import Calibration, fit_line
 from tactuator.identification.identify import identify as identified
@@ -181,9 +181,9 @@ def _planned(
     """
     rate_hz = display.rate_hz
     if excitation not in EXCITATIONS:
-        raise BadInput(f"excitation {excitation!r}", ", ".join(EXCITATIONS))
+        raise unknown("excitation", excitation, EXCITATIONS)
     if not 0.0 < travel_share <= 1.0:
-        raise BadInput(f"travel share is {travel_share:g}", "above 0, at most 1")
+        raise BadInput(f"{travel_share:g}", "above 0 and at most 1", key="travel_share")
     rng, order = np.random.default_rng(seed), DERIVATIVES[channel.quantity]
     low, high = channel.threshold.band_hz
     travel_v = travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm

@@ -171,7 +171,8 @@ def put_on(rig: Rig, controller: Controller, load: str, channels: Sequence[str] 
         return load
     touching = {name: rig.finger(name).load or "none" for name in channels or rig.channels}
     if len(set(touching.values())) > 1:
-        raise BadInput(", ".join(f"{name}: {load}" for name, load in touching.items()), "one load on all", key="load")
+        listed = ", ".join(f"{name}: {load}" for name, load in touching.items())
+        raise BadInput(f"not the same on all channels ({listed})", "one load on all", key="load")
     if (touches := next(iter(touching.values()))) != load:
         require_stable(controller, touches)
     return touches

@@ -187,7 +187,7 @@ def information(
         estimated = estimates.information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
         return MatrixInformation(Path(matrix), estimated)
     if seconds is not None:
-        raise BadInput("--seconds with --store", "with --matrix, since a store knows its stimuli's durations")
+        raise BadInput("--seconds with --store", "--matrix, since a store knows its stimuli's durations")
     assert store is not None
     with closing(Store(store, must_exist=True)) as database:
         subjects, abx = recognition_results(database, rng, study, draws)

@@ -1,9 +1,9 @@
 """Functions that measure a display: noise, response, crosstalk, disturbance, finger."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from math import degrees, inf, isfinite, log10
+from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,7 +31,8 @@ from tactuator.api.parameters import (
     require_stable,
 )
 from tactuator.api.progress import say, working
-from tactuator.errors import BadInput
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput, unknown
 from tactuator.io.environment import write_environment
 from tactuator.io.response import check_response_path, write_responses
 from tactuator.measure.adaptive import Learnt, settle_weights
@@ -56,8 +57,9 @@ from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.plain import picked
-from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
+from tactuator.result import Chart, ChartLine, Column, Fact, Result, ResultTable, columns_of, data, found, text_table
 from tactuator.rig.rig import Rig, usual_load
+from tactuator.signals.decibels import db
 from tactuator.signals.multisine import over_the_band
 from tactuator.signals.record import Response
 
@@ -254,20 +256,33 @@ class MeasuredResponses(Result):
             *data(self.verdict.document()),
         ]
 
-    def columns(self) -> Mapping[str, Any]:
-        rows = [
-            (response.channel, *row)
-            for response, levels in self._levels()
-            for row in zip(
-                response.frequency_hz,
-                levels.felt_db_sl,
-                levels.error_db,
-                response.confidence_db,
-                np.degrees(response.phase_rad),
-                strict=True,
-            )
+    def table(self) -> Sequence[Column]:
+        pairs = self._levels()
+
+        def column(
+            name: str,
+            values: Callable[[Response, ResponseLevels], Any],
+            words: str,
+            form: str | Callable[[Any], str] = ".4g",
+        ) -> Column:
+            return Column(name, [value for pair in pairs for value in np.asarray(values(*pair)).tolist()], words, form)
+
+        was_cut = any(response.saturated.any() for response in self.responses)
+        return [
+            column("channel", lambda response, levels: [response.channel] * response.frequency_hz.size, "channel"),
+            column("frequency_hz", lambda response, levels: response.frequency_hz, "Hz"),
+            column("level_db_sl", lambda response, levels: levels.felt_db_sl, "felt", ".2f"),
+            column("error_db", lambda response, levels: levels.error_db, "error dB", "+.2f"),
+            column("confidence_db", lambda response, levels: response.confidence_db, "± dB", _half),
+            column("error_jnd", lambda response, levels: levels.error_jnd, "JND", ".1f"),
+            column("prefilter_error_db", lambda response, levels: levels.prefilter_db, "filter", "+.2f"),
+            column("load_error_db", lambda response, levels: levels.load_db, "load", "+.2f"),
+            column("rest_error_db", lambda response, levels: levels.unpredicted_db, "rest", "+.2f"),
+            column("phase_deg", lambda response, levels: np.degrees(response.phase_rad), "phase °", ".1f"),
+            column("latency_ms", lambda response, levels: 1e3 * response.latency_s, "delay ms", ".2f"),
+            column("distortion_db", lambda response, levels: _distortion_db(response), "dist.", _distortion),
+            column("saturated", lambda response, levels: response.saturated, "cut" * was_cut, _yes),
         ]
-        return columns_of(("channel", "frequency_hz", "level_db_sl", "error_db", "confidence_db", "phase_deg"), rows)
 
     def chart(self) -> Chart:
         curves = []
@@ -287,16 +302,15 @@ class MeasuredResponses(Result):
         write_responses(Path(path), self.responses)
 
     def tables(self) -> Sequence[ResultTable | str]:
-        cells = [_cells(response, levels, k) for response, levels in self._levels() for k in levels.worst_first]
-        heads = tuple(name for name in cells[0] if any(row[name] for row in cells))
+        table = self.table()
+        cut = "; cut: a limit was reached" if table[-1].words else ""
         note = (
-            "felt: dB SL; error: felt minus asked, the largest first; JND: the error in just-noticeable differences of "
+            "felt: dB SL; error: felt minus asked; JND: the error in just-noticeable differences of "
             f"{AMPLITUDE_JND_DB:g} dB; filter, load: what of the error the controller's own model expects of its "
             "prefilter and the load; rest: what it does not expect: friction, noise, another plant or load; delay: of "
-            f"the phase; dist.: distortion against the fundamental, dB{'; cut: a limit was reached' * ('cut' in heads)}"
+            f"the phase; dist.: distortion against the fundamental, dB{cut}"
         )
-        table = ResultTable("", heads, tuple(tuple(row[name] for name in heads) for row in cells), (note,))
-        return [table, *map(_learnt_line, self.learnt), *self.verdict.tables()]
+        return [text_table(table, notes=[note]), *map(_learnt_line, self.learnt), *self.verdict.tables()]
 
 
 _OF_RESPONSE = (
@@ -318,25 +332,23 @@ def _felt_within(response: Response, levels: ResponseLevels) -> str:
     )
 
 
-def _cells(response: Response, levels: ResponseLevels, k: int) -> dict[str, str]:
-    magnitude_v = response.magnitude_v[k]
-    ratio = float(response.distortion_v[k] / magnitude_v) if magnitude_v > 0.0 else inf
-    half_db = response.confidence_db[k]
-    return {
-        "channel": response.channel,
-        "Hz": f"{response.frequency_hz[k]:.4g}",
-        "felt": f"{levels.felt_db_sl[k]:.2f}",
-        "error dB": f"{levels.error_db[k]:+.2f}",
-        "± dB": "<0.001" if half_db < 0.001 else f"{half_db:.2g}",
-        "JND": f"{levels.error_jnd[k]:.1f}",
-        "filter": f"{levels.prefilter_db[k]:+.2f}",
-        "load": f"{levels.load_db[k]:+.2f}",
-        "rest": f"{levels.unpredicted_db[k]:+.2f}",
-        "phase °": f"{degrees(response.phase_rad[k]):.1f}",
-        "delay ms": f"{1e3 * response.latency_s[k]:.2f}",
-        "dist.": f"{20.0 * log10(ratio):.0f}" if ratio > 0.0 else "none",
-        "cut": "yes" if response.saturated[k] else "",
-    }
+def _half(half_db: float) -> str:
+    return "<0.001" if half_db < 0.001 else f"{half_db:.2g}"
+
+
+def _distortion_db(response: Response) -> FloatArray:
+    """Return the distortion against the fundamental, (m,); minus infinity where there is none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio_db = db(response.distortion_v / response.magnitude_v)
+    return np.where(response.magnitude_v > 0.0, ratio_db, np.inf)
+
+
+def _distortion(level_db: float) -> str:
+    return "none" if level_db == -inf else f"{level_db:.0f}"
+
+
+def _yes(is_so: bool) -> str:
+    return "yes" if is_so else ""
 
 
 def _learnt_line(learnt: Learnt) -> str:
@@ -382,7 +394,7 @@ def measure_response(
     [10.0, 100.0]
     """
     if method not in METHODS:
-        raise BadInput(f"method {method!r}", ", ".join(METHODS))
+        raise unknown("method", method, METHODS)
     if out is not None:
         check_response_path(Path(out))
     loop = chosen_controller(display, controller)
@@ -489,19 +501,19 @@ class DisturbanceResult(Result):
         }
         return [Fact("channels", channels), *(found(name, words) for name, words in pressed.items())]
 
-    def columns(self) -> Mapping[str, Any]:
-        rows = [
-            (each.channel, *row)
-            for each in self.reports
-            for row in zip(
-                each.rejection.frequency_hz,
-                each.rejection.measured_db,
-                each.rejection.confidence_db,
-                each.rejection.expected_db,
-                strict=True,
-            )
+    def table(self) -> Sequence[Column]:
+        def over_all(name: str) -> list[float]:
+            return [value for each in self.reports for value in getattr(each.rejection, name).tolist()]
+
+        channels = [each.channel for each in self.reports for _ in each.rejection.frequency_hz]
+        confidence_db = over_all("confidence_db")
+        return [
+            Column("channel", channels, "channel"),
+            Column("frequency_hz", over_all("frequency_hz"), "frequency (Hz)"),
+            Column("measured_db", over_all("measured_db"), "with the loop over without (dB)", ".2f", confidence_db),
+            Column("confidence_db", confidence_db),
+            Column("expected_db", over_all("expected_db"), "expected (dB)", ".2f"),
         ]
-        return columns_of(("channel", "frequency_hz", "measured_db", "confidence_db", "expected_db"), rows)
 
     def chart(self) -> Chart:
         curves = []
@@ -519,17 +531,14 @@ class DisturbanceResult(Result):
         rows: list[tuple[str, ...]] = []
         for each in self.reports:
             unit, press, tremor = each.unit, each.press, each.tremor
-            columns = self.columns()
-            for name, hertz, measured, half, expected in zip(*columns.values(), strict=True):
-                if name == each.channel:
-                    rows.append((name, f"{hertz:g} Hz", f"{measured:.2f} ± {half:.2g} dB", f"{expected:.2f} dB"))
             settled = f"{press.peak_mm:.3g} {unit}, within a tenth after {press.recovery_s:.2f} s"
             rows += [
                 (each.channel, "press", settled, f"{press.without_loop_mm:.3g} {unit} without the loop"),
                 (each.channel, "lift", f"{press.lift_peak_mm:.3g} {unit}", ""),
                 (each.channel, "tremor 4–12 Hz", f"{tremor.rejection_db:.2f} dB", f"{tremor.expected_db:.2f} dB"),
             ]
-        return [ResultTable("", ("channel", "disturbance", "measured", "expected"), tuple(rows))]
+        disturbances = ResultTable("", ("channel", "disturbance", "measured", "expected"), tuple(rows))
+        return [text_table(self.table()), disturbances]
 
 
 def disturb(
@@ -584,25 +593,24 @@ class FingerResult(Result):
         ]
         return [Fact("channels", [vars(estimate) for estimate in self.estimates]), *words]
 
-    def columns(self) -> Mapping[str, Any]:
-        names = ("channel", "mass", "damping", "stiffness", "misfit_db")
-        return {name: [getattr(estimate, name) for estimate in self.estimates] for name in names}
+    def table(self) -> Sequence[Column]:
+        impedance = (
+            Column(
+                name,
+                [getattr(estimate, name) for estimate in self.estimates],
+                name,
+                half=[estimate.half_width[place] for estimate in self.estimates],
+            )
+            for place, name in enumerate(("mass", "damping", "stiffness"))
+        )
+        return [
+            Column("channel", [estimate.channel for estimate in self.estimates], "channel"),
+            *impedance,
+            Column("misfit_db", [estimate.misfit_db for estimate in self.estimates], "misfit dB", ".2f"),
+            Column("described_by", list(map(_said, self.estimates)), "described by"),
+        ]
 
     def tables(self) -> Sequence[ResultTable | str]:
-        rows = tuple(
-            (
-                estimate.channel,
-                *(
-                    f"{value:.4g} ± {half:.2g}"
-                    for value, half in zip(
-                        (estimate.mass, estimate.damping, estimate.stiffness), estimate.half_width, strict=True
-                    )
-                ),
-                f"{estimate.misfit_db:.2f}",
-                _said(estimate),
-            )
-            for estimate in self.estimates
-        )
         note = (
             "in the units of a load of the display file, ± 95 %; misfit: what the felt level is off by, at most, where "
             "one mass, damper and spring stands for it"
@@ -613,8 +621,7 @@ class FingerResult(Result):
             for estimate in self.estimates
             if estimate.described_by == ONE
         ]
-        columns = ("channel", "mass", "damping", "stiffness", "misfit dB", "described by")
-        return [ResultTable("", columns, rows, (note,)), *lines]
+        return [text_table(self.table(), notes=[note]), *lines]
 
 
 def _said(estimate: FingerEstimate) -> str:

@@ -240,7 +240,7 @@ def calibrate_display(
     >>> tt.calibrate_display("displays/exciter.toml", rig="simulated")
     Traceback (most recent call last):
     ...
-    tactuator.errors.BadInput: rig 'simulated'; allowed: sound:DEVICE[@RATE], a display without loop on a sound card
+    tactuator.errors.BadInput: rig 'simulated'; expected sound:DEVICE[@RATE], a display without loop on a sound card
     """
     described = chosen_display(display, curve)
     mains_hz = described.mains_hz(mains_hz, CalibrationRequest.mains_hz)

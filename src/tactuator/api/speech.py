@@ -227,7 +227,7 @@ def _require_fitting(source: Place, kind: str, given: Mapping[str, Any]) -> None
     """Raise BadInput for options that are not for a source of that kind, or contradict each other."""
     for name in given:
         if kind not in _TAKEN_BY[name]:
-            raise BadInput(f"{name} with {source} ({kind})", f"with {' or '.join(_TAKEN_BY[name])}")
+            raise BadInput(f"{name} with {source} ({kind})", " or ".join(_TAKEN_BY[name]))
     if {"--workers", "--scheduler"} <= given.keys():
         raise BadInput("--workers with --scheduler", "one of them, since a cluster has its own")
     if kind == "speech" and "--figures" in given and "--felt" not in given:

@@ -32,7 +32,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.parameters import parameters
 from tactuator.perception import curve as library
 from tactuator.perception.curve import Contact, ThresholdCurve
-from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, found
+from tactuator.result import Chart, ChartLine, Column, Fact, Result, ResultTable, found, text_table
 from tactuator.signals.record import Record
 
 
@@ -143,7 +143,7 @@ def read_model(path: Place) -> PlantModel:
     >>> tt.read_model("bench.csv")
     Traceback (most recent call last):
     ...
-    tactuator.errors.BadInput: bench.csv: this is a record: `tactuator identify` takes it; allowed: a model
+    tactuator.errors.BadInput: bench.csv: this is a record: `tactuator identify` takes it; expected a model
     """
     return model_file.read_model(Path(path))
 
@@ -168,19 +168,25 @@ class CurvesResult(Result):
     curves: tuple[ThresholdCurve, ...]
     figures: Path | None = None
 
-    def tables(self) -> Sequence[ResultTable | str]:
-        keys = tuple(parameters(Contact))
-        columns = ("curve", "provenance", "band", *(key.rsplit("_", 1)[0] if "_" in key else key for key in keys))
-        rows = tuple(
-            (
-                curve.name,
-                curve.provenance,
-                f"{curve.frequency_hz[0]:g} to {curve.frequency_hz[-1]:g} Hz",
-                *(curve.contact.said.get(key, "not stated") for key in keys),
+    def table(self) -> Sequence[Column]:
+        bands = [f"{curve.frequency_hz[0]:g} to {curve.frequency_hz[-1]:g} Hz" for curve in self.curves]
+        contact = (
+            Column(
+                key,
+                [curve.contact.said.get(key, "not stated") for curve in self.curves],
+                key.rsplit("_", 1)[0] if "_" in key else key,
             )
-            for curve in self.curves
+            for key in parameters(Contact)
         )
-        return [ResultTable("", columns, rows, tuple(f"{curve.name}: {curve.source}" for curve in self.curves))]
+        return [
+            Column("curve", [curve.name for curve in self.curves], "curve"),
+            Column("provenance", [curve.provenance for curve in self.curves], "provenance"),
+            Column("band", bands, "band"),
+            *contact,
+        ]
+
+    def tables(self) -> Sequence[ResultTable]:
+        return [text_table(self.table(), notes=[f"{curve.name}: {curve.source}" for curve in self.curves])]
 
     def chart(self) -> Chart:
         lines = [

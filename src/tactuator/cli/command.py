@@ -10,7 +10,7 @@ import typer
 from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
 from tactuator.api.progress import watched
 from tactuator.cli.output import Bars, answer
-from tactuator.errors import BadInput, Interrupted
+from tactuator.errors import BadInput, Interrupted, reason_of
 from tactuator.io.atomic import check_parent
 from tactuator.io.text import parse_toml, read_text
 
@@ -107,7 +107,7 @@ def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) ->
         for place in _paths(given[name]) if option.writes and not option.file else ():
             for read, path in inputs:
                 if place.is_file() and _is_same(place, path):
-                    raise BadInput(f"{name} {place} is read as {read}, or by it", "another name")
+                    raise BadInput(f"{name} {place} is read as {read}, or by it: choose another name")
 
 
 def _changed_ns(place: Path) -> int:
@@ -149,4 +149,4 @@ def _look_for(name: str, paths: Path | Sequence[Path] | None) -> None:
         try:
             path.stat()
         except OSError as error:
-            raise BadInput(f"{name} {path}: {error.strerror}", "one that can be read") from None
+            raise BadInput(f"{name} {path}: {reason_of(error)}") from None

@@ -15,7 +15,7 @@ from typer.exceptions import TyperException
 
 from tactuator.cli.app import build_app
 from tactuator.cli.commands import COMMANDS, GROUPS, subcommands, top_commands
-from tactuator.errors import BadInput, Interrupted, TactuatorError, likely
+from tactuator.errors import BadInput, Interrupted, TactuatorError, unknown
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
 _AGAIN_S = 0.02
@@ -44,7 +44,7 @@ def needed(arguments: Sequence[str]) -> Container[str]:
         return ()
     known = top_commands()
     if words[0] not in known:
-        raise BadInput(f"no command {words[0]!r}{likely(words[0], known)}; there are {', '.join(known)}")
+        raise unknown("command", words[0], known)
     if len(arguments) == 1 and words[0] in GROUPS:
         raise BadInput(f"{words[0]}: no subcommand is named", ", ".join(subcommands(words[0])))
     return (words[0], " ".join(words[:2]))

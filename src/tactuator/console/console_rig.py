@@ -56,7 +56,7 @@ class ConsoleRig(Rig):
         Raises DeviceFault with its reason where the rig stopped, or has gone; TimingMissed where it may be tried again.
         """
         if self._controller is None:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
+            raise BadInput("no controller is loaded: load one before playing a reference")
         if self._process.status.loaded != self._controller.content_hash:
             self._process.call("load", self._controller)  # the rig was opened anew
         number = next(self._numbers)
@@ -65,7 +65,7 @@ class ConsoleRig(Rig):
         self.began_at, self.rows_played = None, 0
         if self._process.status.mode == "gone":
             fault = self._process.status.fault
-            raise DeviceFault(fault) if fault else DeviceFault("the rig has gone", "open it again")
+            raise DeviceFault(fault) if fault else DeviceFault("the rig has gone: open it again")
         self._process.call("present", number, tuple(np.asarray(block, dtype=np.float64) for block in blocks))
         for piece in self._answers(number, _SILENT_S):
             if piece.fault:
@@ -107,7 +107,7 @@ class ConsoleRig(Rig):
             except queue.Empty:
                 raise DeviceFault(f"no reply from the rig's process for {patience_s:g} s") from None
             if piece is None:
-                raise DeviceFault("the process that holds the rig has ended", "open the rig again")
+                raise DeviceFault("the process that holds the rig has ended: open the rig again")
             if piece.number == number:
                 yield piece
                 if piece.over:

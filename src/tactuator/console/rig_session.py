@@ -49,9 +49,9 @@ class Controls:
         where a page has the controls, or another experiment.
         """
         if self.reserved is not None:
-            raise BadInput("an experiment has the rig", "end that one first")
+            raise BadInput("an experiment has the rig: end that one first")
         if self.holder is not None:
-            raise BadInput("another page has the controls of the rig", "take them over, and begin then")
+            raise BadInput("another page has the controls of the rig: take them over, and begin then")
         self.reserved = stop
         self.tell_all()
 
@@ -90,7 +90,7 @@ class Controls:
         """Raise BadInput where the page watches, or an experiment has the rig."""
         self._require_no_experiment()
         if self.holder is not page:
-            raise BadInput("this page watches", "take over the controls first")
+            raise BadInput("this page watches: take over the controls first")
 
     def _require_no_experiment(self) -> None:
         if self.reserved is not None:
@@ -180,7 +180,7 @@ class RigSession:
     def loaded_controller(self) -> Controller:
         """Return the controller that is loaded. Raises BadInput while there is none."""
         if self._controller is None or not self.rig.status.loaded:
-            raise BadInput("no controller is loaded", "load one first")
+            raise BadInput("no controller is loaded: load one first")
         return self._controller
 
     def expected(self, level_db_sl: float) -> Answer:

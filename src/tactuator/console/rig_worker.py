@@ -183,9 +183,9 @@ class RigWorker:
     def live(self) -> None:
         """Play the generator and tell every sample, until something else is called for."""
         if self._rig is None:
-            raise BadInput("the rig has gone", "open it again")
+            raise BadInput("the rig has gone: open it again")
         if not self._status.loaded:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
+            raise BadInput("no controller is loaded: load one before playing a reference")
         self._load_again()
         self._say(mode="live", fault="")
         looked = self._status.given_back
@@ -244,7 +244,7 @@ class RigWorker:
     def generate(self, wave: GeneratorWave | None) -> None:
         """Play that from now on (None: silence)."""
         if self._status.mode != "live" and wave is not None:
-            raise BadInput("the rig is not live", "start it before the generator")
+            raise BadInput("the rig is not live: start it before the generator")
         self._generator.ask(wave)
         self._say(wave=wave)
 
@@ -283,7 +283,7 @@ class RigWorker:
         not the last row: that the rig was halted, or its fault.
         """
         if self._rig is None:
-            fault = str(DeviceFault("the rig has gone", "open it again"))
+            fault = str(DeviceFault("the rig has gone: open it again"))
             self._tell("take_presented", Presented(number, over=True, fault=fault))
             return
         self._load_again()

@@ -72,7 +72,7 @@ class ConsoleState:
         if key.startswith(EXAMPLE) and name in example_names() and name.endswith(".toml"):
             return EXAMPLES / name
         if key.startswith(_TEXT):
-            raise BadInput("that text of a display is not on the server any more", "open it from the view Display")
+            raise BadInput("that text of a display is not on the server any more: open it from the view Display")
         raise BadInput(f"display {key!r}", f"{FILE} where one was named, or an example's key")
 
     def text(self, key: str) -> str:

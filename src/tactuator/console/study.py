@@ -128,7 +128,7 @@ class StudyAtRig:
         try:
             async with self._changing:
                 if self._running is not None:
-                    raise BadInput(f"the study {self._running.name!r} is open", "end it first")
+                    raise BadInput(f"the study {self._running.name!r} is open: end it first")
                 controller = self._session.loaded_controller()
                 self._session.controls.reserve(self._stop)
                 try:

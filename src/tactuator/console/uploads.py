@@ -60,7 +60,7 @@ class UploadedFiles:
         if key != name and name in example_names():
             return EXAMPLES / name
         if key not in self._files:
-            raise BadInput("that file is not on the server any more", "drop it again")
+            raise BadInput("that file is not on the server any more: drop it again")
         return self._files[key]
 
     def new_folder(self) -> tuple[str, Path]:

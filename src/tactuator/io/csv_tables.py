@@ -13,10 +13,11 @@ from typing import cast
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, unknown, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
-from tactuator.io.text import read_text, table_rows
+from tactuator.io.text import read_text
+from tactuator.io.text_table import TextTable
 from tactuator.parameters import from_table, parameters
 from tactuator.perception.contours import REFERENCE_HZ, Contours
 from tactuator.perception.curve import (
@@ -68,24 +69,21 @@ def _sheet(noun: str, kind: str, path: Path, *needed: str) -> Iterator[_Sheet]:
     noun and the file; columns that are needed ("a or b": one of them) and not there, and a table without rows, are
     refused.
     """
-    with _lines(noun, kind, path) as (lines, rows):
+    with _text_table(noun, kind, path) as table:
+        rows = table.rows()
         names = [cell.lower() for cell in rows[0]] if rows else []
         if any(set(name.split(" or ")).isdisjoint(names) for name in needed) or len(rows) < 2:
             got = f"columns {', '.join(names) or 'nothing'}, {max(len(rows) - 1, 0)} rows"
             raise BadInput(got, f"{', '.join(needed)}, one row or more")
-        yield _Sheet(_head(lines), names, rows[1:])
+        yield _Sheet(_head(table.remarks()), names, rows[1:])
 
 
 @contextmanager
-def _lines(noun: str, kind: str, path: Path) -> Iterator[tuple[list[str], list[list[str]]]]:
-    """Yield the lines of a CSV file, and the cells of those that are no remarks."""
+def _text_table(noun: str, kind: str, path: Path) -> Iterator[TextTable]:
+    """Yield the table of a CSV file of that kind."""
     require_kind(path, kind)
     with within(f"{noun} {path}"):
-        try:
-            lines = read_text(path).split("\n")
-        except BadInput as error:
-            raise BadInput(f"{error}", "a CSV file that can be read") from None
-        yield lines, table_rows([line for line in lines if line.strip() and not line.lstrip().startswith("#")])
+        yield TextTable(io.StringIO(read_text(path)))
 
 
 def _number(cell: str) -> float | None:
@@ -111,9 +109,7 @@ def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
         return curve(name_or_path)
     path = beside / name_or_path
     if path.suffix.lower() != ".csv" and not path.exists():
-        raise BadInput(
-            f"threshold curve {name_or_path!r} is not in the library", f"{', '.join(curve_names())}, or a CSV file"
-        )
+        raise unknown("threshold curve", name_or_path, [*curve_names(), "a CSV file"])
     return read_curve(path)
 
 
@@ -141,9 +137,9 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     )
 
 
-def _head(lines: Sequence[str]) -> dict[str, str]:
-    """Return the lines `# key: value` of a head that tells a name, by key; nothing of another head."""
-    pairs = (line.lstrip("# ").split(":", 1) for line in lines if line.startswith("#") and ":" in line)
+def _head(remarks: Sequence[str]) -> dict[str, str]:
+    """Return the remarks `key: value` of a head that tells a name, by key; nothing of another head."""
+    pairs = (line.split(":", 1) for line in remarks if ":" in line)
     head = {key.strip().lower(): value.strip() for key, value in pairs}
     return head if "name" in head else {}
 
@@ -289,7 +285,8 @@ def read_matrix(path: str | Path) -> NamedMatrix:
 
     Raises BadInput, one line, where the file cannot be read, is empty, ragged, or holds words for counts.
     """
-    with _lines("matrix", "matrix", Path(path)) as (_, rows):
+    with _text_table("matrix", "matrix", Path(path)) as table:
+        rows = table.rows()
         if not rows:
             raise BadInput("no rows", "a row of counts for each stimulus")
         # A corner that is not a number, over rows that all begin with one or with a name, heads a column of names.

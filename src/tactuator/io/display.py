@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, unknown, within
 from tactuator.io.csv_tables import read_contours, resolve_curve
 from tactuator.io.environment import channel_environment
 from tactuator.io.kinds import require_kind
@@ -47,13 +47,9 @@ def read_display(path: str | Path) -> Display:
     """
     path = Path(path)
     require_kind(path, "display")
-    try:
-        text = read_text(path)
-        document = parse_toml(text)
-    except BadInput as error:
-        raise BadInput(f"display file {path}: {error}", "a TOML file that can be read") from None
     with within(f"display file {path}"):
-        return parse_display(_with_unchanged(document, text), path.parent)
+        text = read_text(path)
+        return parse_display(_with_unchanged(parse_toml(text), text), path.parent)
 
 
 def _with_unchanged(document: Document, text: str) -> Document:
@@ -70,7 +66,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
     """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
     for key in document:
         if key not in TABLES:
-            raise BadInput("not a table that is known", ", ".join(sorted(TABLES)), where=(f"[{key}]",))
+            raise unknown("table", key, sorted(TABLES))
     tables = {name: _table(document, name) for name in TABLES if name != "channel"}
     channels = document.get("channel", [])
     if not isinstance(channels, list) or not all(isinstance(entry, Mapping) for entry in channels):

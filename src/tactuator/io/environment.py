@@ -10,8 +10,7 @@ from typing import Any
 from tactuator import __version__
 from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
-from tactuator.io.kinds import require_kind
-from tactuator.io.text import read_finite_json
+from tactuator.io.kinds import read_document
 from tactuator.model.description import DISTURBANCES, Environment, MeasuredEnvironment
 from tactuator.parameters import allowed, from_table, parameters, require_known
 
@@ -31,10 +30,7 @@ def read_environment(path: str | Path, channel: str) -> dict[str, Any]:
 
     Raises BadInput for a file that cannot be read, another format, a channel that is not in it, a figure out of range.
     """
-    require_kind(Path(path), "environment")
-    document = read_finite_json(Path(path))
-    if not isinstance(document, dict) or document.get("format") != ENVIRONMENT_FORMAT:
-        raise BadInput(f"format is not {ENVIRONMENT_FORMAT!r}", "a file that `noise --write` wrote")
+    document = read_document(Path(path), "environment", ENVIRONMENT_FORMAT)
     channels = document.get("channels")
     if not isinstance(channels, dict) or channel not in channels:
         known = ", ".join(channels) if isinstance(channels, dict) else "none"
@@ -65,7 +61,7 @@ def channel_environment(
         if stated:
             raise BadInput(f"environment: both measured and {stated[0]} are given", "one of them", where=(where,))
         path = beside / file.measured
-        with within(where, f"measured {path}"):
+        with within(where, "measured"):
             values |= read_environment(path, channel)
     known = {_STATES[key] for key in values if key in _STATES}
     if friction is not None and "friction" not in known:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import STORE_MARK
 from tactuator.io.hdf5 import opened_hdf5
-from tactuator.io.text import encoding_of, parse_toml
+from tactuator.io.text import encoding_of, parse_toml, read_finite_json
 
 
 @dataclass(frozen=True)
@@ -134,3 +135,15 @@ def require_kind(path: Path, *wanted: str) -> None:
         is_ = KINDS[kind]
         allowed = " or ".join(KINDS[name].words for name in wanted)
         raise BadInput(f"this is {is_.words}: {is_.goes}", allowed, where=(f"{path}",))
+
+
+def read_document(path: Path, kind: str, form: str, read: Callable[[Path], Any] = read_finite_json) -> dict[str, Any]:
+    """Return the JSON document of a file of that kind, with that `format`. Raises BadInput for any other file."""
+    require_kind(path, kind)
+    with within(f"{kind} {path}"):
+        document = read(path)
+        got = document.get("format") if isinstance(document, dict) else None
+        if got != form:
+            raise BadInput(repr(got), repr(form), key="format")
+    known: dict[str, Any] = document
+    return known

@@ -12,8 +12,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
-from tactuator.io.kinds import require_kind
-from tactuator.io.text import read_finite_json
+from tactuator.io.kinds import read_document
 from tactuator.model.plant_model import Excess, PlantModel
 from tactuator.parameters import from_table
 from tactuator.plain import plain
@@ -53,13 +52,7 @@ def _text(model: PlantModel, family: Sequence[ContinuousSystem]) -> str:
 def read_model(path: str | Path) -> PlantModel:
     """Read model.json; BadInput, one line, if it is not one."""
     path = Path(path)
-    require_kind(path, "model")
-    try:
-        document = read_finite_json(path)
-    except BadInput as error:
-        raise BadInput(f"model {path}: {error}", "a file that `identify` wrote") from None
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise BadInput(f"model {path}: format is not {FORMAT!r}", "a file that `identify` wrote")
+    document = read_document(path, "model", FORMAT)
     with within(f"model {path}"):
         return parse_model(document)
 

@@ -181,13 +181,8 @@ _COVARIANCE: TypeAdapter[Any] = TypeAdapter(list[list[Number]])
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:
     """Return the document of a model file. Raises BadInput for what is none."""
-    try:
-        document = read_finite_json(path)
-    except BadInput as error:
-        raise BadInput(
-            f"{error}", "a model or response file that can be read", where=(where, f"plant {path}")
-        ) from None
     with within(where, f"plant {path}"):
+        document: dict[str, Any] = read_finite_json(path)
         if not isinstance(document, dict) or not {"num", "den"} <= set(document):
             raise BadInput("num and den are not in it", "a file that `identify` wrote")
         if document.get("format") == FORMAT:

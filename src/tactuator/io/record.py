@@ -12,7 +12,7 @@ import scipy
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, unknown, within
 from tactuator.io.atomic import atomic_path
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
@@ -336,7 +336,7 @@ def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str
     if asked is not None:
         if asked in columns.values:
             return asked
-        raise BadInput(f"there is no {what} column {asked!r}", f"{', '.join(columns.values)}")
+        raise unknown(f"{what} column", asked, columns.values)
     lower = {name.lower().rpartition(".")[2]: name for name in reversed(list(columns.values))}
     lower |= {name.lower(): name for name in columns.values}
     return next((lower[name] for name in usual if name in lower and columns.values[lower[name]].size > 1), None)

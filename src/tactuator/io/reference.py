@@ -221,7 +221,7 @@ def open_reference(path: str | Path) -> ReferenceFile:
     check_suffix(path)
     try:
         if not path.is_file():
-            raise BadInput("no such file", "a file that `render` wrote")
+            raise BadInput("file not found")
         return _open_wav(path) if path.suffix == ".wav" else _open_hdf5(path)
     except BadInput as error:
         raise error.within(f"reference {path}") from None

@@ -11,7 +11,7 @@ from typing import Any
 
 import scipy
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.io.atomic import write_files
 from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference
 from tactuator.model.description import TABLES, Display, keys_of
@@ -88,7 +88,7 @@ def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
 
 def _text(folder: str, kind: str, kinds: tuple[str, ...]) -> str:
     if kind not in kinds:
-        raise BadInput(f"{kind!r} is no kind that is known", f"{', '.join(kinds)}")
+        raise unknown("kind", kind, kinds)
     return (EXAMPLES / folder / f"{kind}.toml").read_text(encoding="utf-8")
 
 

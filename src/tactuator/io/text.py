@@ -1,9 +1,8 @@
-"""Text files that others wrote: their encoding, their limits, and the numbers in their cells."""
+"""Text files that others wrote: their encoding and limits; JSON and TOML."""
 
 from __future__ import annotations
 
 import codecs
-import csv
 import json
 import os
 import re
@@ -12,17 +11,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, reason_of
 
 LARGEST_BYTES = 12 << 20
 """Size of a text file that is read as a whole: its cells or tables take up to fifty times as much memory. Records are
 read in pieces and may be longer."""
 _LARGEST_TOML = 2 << 20
-_MOST_LINES = 100_000
 _DEEP_KEY = re.compile(r"""(?:\.[ \t]*(?:[\w-]{0,64}|"[^"\n]{0,64}"|'[^'\n]{0,64}')[ \t]*){64}""")
 """A key of so many parts takes the reader of TOML time and memory by the square of their number."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
 
 
 def encoding_of(head: bytes) -> str:
@@ -45,7 +42,7 @@ def read_content(path: Path) -> bytes:
         with open(path, "rb", opener=_not_waiting) as file:
             content = file.read(LARGEST_BYTES + 1)
     except OSError as error:
-        raise BadInput(error.strerror or "it cannot be read") from None
+        raise BadInput(reason_of(error)) from None
     if len(content) > LARGEST_BYTES:
         raise BadInput(f"it has more than {LARGEST_BYTES >> 20} MB")
     return content
@@ -142,36 +139,6 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(item) for item in value) + "]"
     return json.dumps(value, ensure_ascii=False)  # numbers, truth values and strings are spelt as in JSON
-
-
-def table_rows(lines: list[str]) -> list[list[str]]:
-    """Return the cells of a table's lines, without the space about them; empty lines are left out.
-
-    Cells are parted by tabs, semicolons or commas, whichever its first line has; a decimal comma becomes a point.
-    Raises BadInput, with the reason alone, for more than 100,000 lines and for what is no table.
-    """
-    if len(lines) > _MOST_LINES:
-        raise BadInput(f"it has {len(lines)} lines", f"up to {_MOST_LINES}")
-    whole = [line.replace("\0", "") for line in lines if line.strip(" \t,;")]
-    delimiter = next((mark for mark in ("\t", ";") if whole and mark in whole[0]), ",")
-    try:
-        rows = [[cell.strip() for cell in row] for row in csv.reader(whole, delimiter=delimiter)]
-    except csv.Error as error:
-        raise BadInput(f"{error}", "cells of a table") from None
-    check_commas([cell for row in rows for cell in row])
-    return [[decimal_point(cell) for cell in row] for row in rows if any(row)]
-
-
-def check_commas(cells: list[str]) -> None:
-    """Raise BadInput where the commas within numbers could as well part thousands as decimals."""
-    numbers = [cell for cell in cells if re.fullmatch(r"[-+]?[\d,]*,\d+([eE][-+]?\d+)?", cell)]
-    if numbers and all(_THOUSANDS.fullmatch(cell) for cell in numbers):
-        raise BadInput(f"{numbers[0]!r} may be thousands or a decimal comma", "decimal points")
-
-
-def decimal_point(cell: str) -> str:
-    """Return the cell with a point for the decimal comma of a number; anything else as it is."""
-    return cell.replace(",", ".") if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) else cell
 
 
 def _refused(name: str) -> float:

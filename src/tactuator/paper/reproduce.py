@@ -15,7 +15,7 @@ from tactuator.paper.report import OWN_NAMES, publish
 from tactuator.paper.run import STEPS, run_study
 from tactuator.paper.steps import check_speech
 from tactuator.paper.summary import comparison, summary
-from tactuator.result import Fact, Result, ResultTable, columns_of, data, found
+from tactuator.result import Column, Fact, Result, ResultTable, data, found, text_table
 
 _SUMMARISED = 6
 """Rows of the comparison that the summary has."""
@@ -38,12 +38,12 @@ class PaperResult(Result):
         ]
         return [found("report", self.folder / "report.html"), *compared, *data(self.summary)]
 
-    def columns(self) -> Mapping[str, Any]:
-        return columns_of(("what", "paper", "here"), self.comparison)
+    def table(self) -> Sequence[Column]:
+        what, paper, here = zip(*self.comparison, strict=True)
+        return [Column("what", what, "what"), Column("paper", paper, "paper (2004)"), Column("here", here, "here")]
 
     def tables(self) -> Sequence[ResultTable | str]:
-        table = ResultTable("The paper, end to end", ("", "paper (2004)", "here"), self.comparison)
-        return [table, *(f"note: {remark}" for remark in self.remarks)]
+        return [text_table(self.table(), "The paper, end to end"), *(f"note: {remark}" for remark in self.remarks)]
 
 
 def reproduce(
@@ -60,7 +60,7 @@ def reproduce(
     >>> tt.reproduce("paper", speech="nothing.wav")
     Traceback (most recent call last):
     ...
-    tactuator.errors.BadInput: nothing.wav: no such file; allowed: a sound file
+    tactuator.errors.BadInput: nothing.wav: file not found
     """
     plan = Plan(paper_display(), seed, None if speech is None else Path(speech))
     file = check_speech(plan)

@@ -337,7 +337,7 @@ class Rig(Plays, KeepsTime, HasFingers):
 
     def _require_controller(self) -> None:
         if not self._loaded:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
+            raise BadInput("no controller is loaded: load one before playing a reference")
 
     def _reference(self, reference: ArrayLike) -> FloatArray:
         """Return a checked copy of a reference, (n, channels); what is beyond its range brings the output to rest."""

@@ -99,7 +99,7 @@ class Simulation:
         fingers, in volts of command.
         """
         if not self._controllers:
-            raise BadInput("no controller is loaded", "load one before playing a reference")
+            raise BadInput("no controller is loaded: load one before playing a reference")
         return self._run(lib.tact_closed_loop_play, reference, "reference", force_v)
 
     def drive(self, command_v: ArrayLike, force_v: ArrayLike | None = None) -> SimulatedBlock:

@@ -129,7 +129,7 @@ def _dask_client(address: str) -> Any:
     try:
         import distributed  # noqa: PLC0415  (an extra)
     except ImportError:
-        raise BadInput("dask.distributed is not installed", "pip install 'tactuator[batch]'") from None
+        raise BadInput("dask.distributed is not installed: pip install 'tactuator[batch]'") from None
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # a line of ours says what happened
     try:

@@ -112,7 +112,7 @@ def _signal(block: _Samples, mean: float) -> FloatArray:
 
 def _check_bytes(path: Path) -> None:
     if not path.is_file():
-        raise BadInput(f"{path}: {'a folder' if path.is_dir() else 'no such file'}", "a sound file")
+        raise BadInput(f"{path}: {'it is a folder' if path.is_dir() else 'file not found'}")
     try:
         size = path.stat().st_size
         require_whole(path)

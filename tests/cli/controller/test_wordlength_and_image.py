@@ -27,7 +27,7 @@ def test_loop_that_does_not_close__float32_is_not_safe_and_no_image_is_built(des
     assert ended.status == 1
     assert "float32: not safe" in ended.out
     (desk / "image.bin").write_bytes(b"old")
-    words = "float32 is not safe for this controller (unstable); allowed: what `wordlength` calls safe"
+    words = "float32 is not safe for this controller (unstable); expected what `wordlength` calls safe"
     run.refused("build", "controller.json", "--out", "image.bin", said=words)
     assert (desk / "image.bin").read_bytes() == b"old"
 

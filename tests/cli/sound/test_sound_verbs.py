@@ -55,11 +55,11 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("card", "status", "words"),
     [
-        ({"inputs": 1}, 2, "has 1 inputs; allowed: 2 or more"),
+        ({"inputs": 1}, 2, "has 1 inputs; expected 2 or more"),
         ({"error": "Error opening _StreamBase: Invalid sample rate [PaErrorCode -9997]"}, 2,
-         "'ALSA/Card' does not run at 8000 Hz; allowed: 44100 Hz"),
+         "'ALSA/Card' does not run at 8000 Hz; expected 44100 Hz"),
         ({"error": "Error opening _StreamBase: Device unavailable [PaErrorCode -9985]"}, 3,
-         "'ALSA/Card' cannot be opened (Device unavailable [PaErrorCode -9985]); allowed: "
+         "'ALSA/Card' cannot be opened (Device unavailable [PaErrorCode -9985]); expected "
          "one that nobody else holds"),
     ],
     ids=["too few inputs", "rate", "busy"],
@@ -94,7 +94,7 @@ def test_calibrate_display__card_that_never_opens__one_line_all_the_same(room):
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stdout) == (3, "tidied up\n")
     (line,) = done.stderr.splitlines()
-    assert "opening sound card 'ALSA/Card': the sound system has not answered for 3 s; allowed: " in line
+    assert "opening sound card 'ALSA/Card': the sound system has not answered for 3 s; expected " in line
     assert not (room / "out").exists()
 
 

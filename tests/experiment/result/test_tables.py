@@ -198,7 +198,7 @@ def test_judged__magnitudes_at_the_display__are_told_and_drawn(tmp_path) -> None
     Store(tmp_path / "empty.db").close()
     with pytest.raises(BadInput, match="has no task of matches"):
         contour_results(tmp_path / "empty.db")
-    with pytest.raises(BadInput, match="the store holds no study; allowed: a study in which tones are judged"):
+    with pytest.raises(BadInput, match="the store holds no study; expected a study in which tones are judged"):
         judged(tmp_path / "empty.db")
 
 
@@ -212,7 +212,7 @@ def test_languages__shipped__are_english_and_two_more_with_the_same_keys_and_nam
         assert difference(texts, ENGLISH) is None, language
         same = {key for key, text in texts.items() if text == ENGLISH[key] and len(text) > 12}
         assert language == "en" or same <= {"operator.minutes", "operator.rig", "run.title"}
-    with pytest.raises(BadInput, match="language 'tlh'; allowed: de, en, fr, or a language_file"):
+    with pytest.raises(BadInput, match="language 'tlh'; expected de, en, fr, or a language_file"):
         shipped_words("tlh")
 
 
@@ -232,7 +232,7 @@ def test_language_file__of_ones_own__is_read(tmp_path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"\xff")
     (tmp_path / "broken.toml").write_bytes(b"[page\n")
     for name in ("missing.toml", "bytes.toml", "broken.toml"):
-        with pytest.raises(BadInput, match=r"language file .*allowed: TOML as the shipped files are"):
+        with pytest.raises(BadInput, match=r"language file .*TOML as the shipped files are"):
             read_words(tmp_path / name, "la")
 
 
@@ -241,7 +241,7 @@ def test_language_file__of_ones_own__is_read(tmp_path) -> None:
     [
         (lambda texts: {k: v for k, v in texts.items() if k != "page.done"}, "keys missing: page.done; beyond: none"),
         (lambda texts: texts | {"page.more": "x"}, "keys missing: none; beyond: page.more"),
-        (lambda texts: texts | {"page.wrong": "No."}, "page.wrong puts in nothing; allowed: right"),
+        (lambda texts: texts | {"page.wrong": "No."}, "page.wrong puts in nothing; expected right"),
         (lambda texts: texts | {"page.wrong": "No, {right"}, "page.wrong puts in a brace"),
         (lambda texts: texts | {"page.done": ""}, "page.done has 0 characters"),
         (lambda texts: texts | {"page.done": "x" * 401}, "page.done has 401 characters"),

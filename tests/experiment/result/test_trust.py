@@ -88,7 +88,7 @@ def test_thresholds__of_one_who_feels_nothing__are_censored_in_the_curve(study):
         assert group.subjects == (0, 1, 1, 1, 0)
         with pytest.raises(BadInput, match="3 thresholds left out"):
             group_curve(deaf, LIBRARY, (0.4, 300.0), leave_out)
-    with pytest.raises(BadInput, match="S9; allowed: flagged, S1, S2"):
+    with pytest.raises(BadInput, match="S9; expected flagged, S1, S2"):
         group_curve(found, LIBRARY, (0.4, 300.0), ["S9"])
     for leave_out, subjects, which in (([], [2, 1], "without"), (["flagged"], [1, 2], "with")):
         told = store_results(store.path, leave_out=leave_out)

@@ -35,7 +35,7 @@ TRIALS = ["trial"] * 3
 )
 def test_session__stages__are_those_of_its_blocks_and_break_rules(opened, rules, stages) -> None:
     study, _, _ = opened(protocol_text(test=1, consent="Agreed?", extra=f"[session]\n{rules}\n"))
-    with pytest.raises(BadInput, match="subject 'S9' is not in the study; allowed: S1"):
+    with pytest.raises(BadInput, match="subject 'S9' is not in the study; expected S1"):
         study.presented("S9")
     session = presented = study.presented()
     seen, introduced = [], []
@@ -226,7 +226,7 @@ def test_plans__of_each_paradigm__have_every_item_equally_often(controller) -> N
     rig = SimulatedRig(controller.display)
     require_finger_ports(rig, "simulated")
     rig._fingers = ()
-    with pytest.raises(BadInput, match="subjects at board:COM3; allowed: at a rig whose display is simulated"):
+    with pytest.raises(BadInput, match="subjects at board:COM3; expected at a rig whose display is simulated"):
         require_finger_ports(rig, "board:COM3")
     labels = ("a", "b", "c")
     trials = plan_trials("recognition", labels, 4, np.random.default_rng(1))
@@ -277,7 +277,7 @@ def test_study__middle_of_three__takes_seconds_from_onset_to_onset(opened):
 def test_study__item_changed_since_or_missing_or_impossible_rate__is_refused(opened, items, controller):
     text = protocol_text()
     opened(text)
-    with pytest.raises(BadInput, match="no such file"):
+    with pytest.raises(BadInput, match="file not found"):
         opened(text.replace('file = "C-index.wav"', 'file = "gone.wav"'))
     louder = WaveformSet(
         0.125, components=(Component("M", 30.0, 30.0), Component("C", 240.0, 40.0)), fingers=(("index",),)

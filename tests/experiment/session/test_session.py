@@ -154,7 +154,7 @@ def test_answer__amiss_or_sent_again__is_refused_or_stored_once(store, clock) ->
         presented.answer(records.Answer("1", clock.utc()))
     run = presented.present(nobody).run
     for response in ("0", "4", "", "left"):
-        with pytest.raises(BadInput, match="allowed: 1, 2, 3"):
+        with pytest.raises(BadInput, match="1, 2, 3"):
             presented.answer(records.Answer(response, clock.utc()))
     assert stored(store) == []
     first = presented.answer(records.Answer("1", clock.utc()))
@@ -456,11 +456,11 @@ def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> Non
     for part, words in (
         (SubjectPart(code="S7"), "'S7' is enrolled already"),
         (SubjectPart(code="S8", participant_id="P-07"), "'P-07' is another subject's"),
-        (SubjectPart(code="S8", demographics={"age": "7", "hand": "left"}), "age is '7'; allowed: .* from 18 to 99"),
+        (SubjectPart(code="S8", demographics={"age": "7", "hand": "left"}), "age is '7'; it must be .* from 18 to 99"),
         (SubjectPart(code="S8", demographics={"age": "inf", "hand": "left"}), "age is 'inf'"),
         (SubjectPart(code="S8", demographics={"age": "20"}), "hand is not given"),
-        (SubjectPart(code="S8", demographics={"hand": "third"}), "hand is 'third'; allowed: left, right"),
-        (SubjectPart(code="S8", demographics={"size": "1"}), "'size'; allowed: age, hand"),
+        (SubjectPart(code="S8", demographics={"hand": "third"}), "hand is 'third'; it must be left, right"),
+        (SubjectPart(code="S8", demographics={"size": "1"}), "'size'; expected age, hand"),
     ):
         with pytest.raises(BadInput, match=words):
             edit(study, "enrol", part)
@@ -516,16 +516,16 @@ def test_correct__what_cannot_be__is_refused_and_changes_nothing(store) -> None:
     edit(study, "enrol", SubjectPart(code="S8", participant_id="P-08"))
     before = all_of(store, "S7"), study.facts()
     for subject, correction, reason, words in (
-        ("S7", Correction(group="hearing"), " ", "no reason; allowed"),
+        ("S7", Correction(group="hearing"), " ", "no reason; "),
         ("S9", Correction(group="hearing"), "why", "'S9' is not in the study"),
         ("S7", Correction(group="unknown"), "why", "nothing of subject 'S7' differs"),
         ("S7", Correction(), "why", "nothing of subject 'S7' differs"),
         ("S7", Correction(participant_id="P-08"), "why", "'P-08' is another subject's"),
-        ("S7", Correction(facts={"age": "7"}), "why", "age is '7'; allowed: a number from 18 to 99"),
+        ("S7", Correction(facts={"age": "7"}), "why", "age is '7'; it must be a number from 18 to 99"),
         ("S7", Correction(facts={"hand": ""}), "why", "hand is not given"),
-        ("S7", Correction(facts={"size": "7"}), "why", "'size'; allowed: age, hand"),
-        ("S7", Correction(visit=3, preload_n=1.0), "why", "visit 3 of subject 'S7' is not planned; allowed: 1 to 2"),
-        ("S7", Correction(preload_n=1.0), "why", "who has 2 visits; allowed: with the visit"),
+        ("S7", Correction(facts={"size": "7"}), "why", "'size'; expected age, hand"),
+        ("S7", Correction(visit=3, preload_n=1.0), "why", "visit 3 of subject 'S7' is not planned; expected 1 to 2"),
+        ("S7", Correction(preload_n=1.0), "why", "who has 2 visits; expected with the visit"),
         ("S7", Correction(group="hearing", facts={"hand": "third"}), "why", "hand is 'third'"),
     ):
         with pytest.raises(BadInput, match=words):

@@ -70,10 +70,10 @@ def test_rig__image_refused__changes_nothing_and_the_safety_table_stays(rig):
 def test_open__names__give_rigs_or_say_what_is_allowed():
     assert isinstance(open_rig("simulated", designed().display), SimulatedRig)
     for name, error, words in (
-        ("toaster", BadInput, "allowed: board, in-process, simulated, sound"),
-        ("simulated:x", BadInput, "simulated:x; allowed: simulated, with nothing behind it"),
-        ("in-process:x", BadInput, "in-process:x; allowed: in-process, with nothing behind it"),
-        ("board", BadInput, "board: without a port; allowed: board:PORT"),
+        ("toaster", BadInput, "board, in-process, simulated, sound"),
+        ("simulated:x", BadInput, "simulated:x; expected simulated, with nothing behind it"),
+        ("in-process:x", BadInput, "in-process:x; expected in-process, with nothing behind it"),
+        ("board", BadInput, "board: without a port; expected board:PORT"),
         ("board:no-such-port", LinkDown, "cannot be opened"),
         ("board:nothing://known", BadInput, "is none"),
         ("board:socket://127.0.0.1:0", BadInput, "a port from 1 to 65535"),
@@ -130,8 +130,8 @@ def test_play_tones__guard_ends_the_run__is_a_fault_and_rests(toned):
 @pytest.mark.parametrize(
     ("tones", "words"),
     [
-        ({"toe": ()}, "channel 'toe' is not there; allowed: index, thumb, middle"),
-        ({"index": (BoardTone(2000.0, 1.0, 0.0, 0.2),)}, "2000 Hz; allowed: below 2000 Hz on this board"),
+        ({"toe": ()}, "channel 'toe' is not there; expected index, thumb, middle"),
+        ({"index": (BoardTone(2000.0, 1.0, 0.0, 0.2),)}, "2000 Hz; expected below 2000 Hz on this board"),
         ({"index": (BoardTone(20.0, 1.0, 0.0, 0.2),) * (TONES_MAX + 1)}, "9 tones on channel 'index'"),
     ],
 )

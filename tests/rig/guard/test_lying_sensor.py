@@ -164,7 +164,7 @@ def test_lock_out__sensor_fault__is_cleared_after_a_second() -> None:
     with in_process_rig(designed().display, 1) as rig:
         rig.load(designed())
         for count in range(1, LOCK_FAULTS + 1):
-            with pytest.raises(BadInput, match="sensor fault 'drunk'; allowed: sound, open"):
+            with pytest.raises(BadInput, match="sensor fault 'drunk'; expected sound, open"):
                 rig.break_sensor("index", "drunk")
             with pytest.raises(BadInput, match="sensor fault 'drift' without a value"):
                 rig.break_sensor("index", "drift")

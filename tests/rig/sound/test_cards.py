@@ -32,9 +32,9 @@ def test_find_card__one_of_that_name__is_it(name: str, index: int):
 @pytest.mark.parametrize(
     ("name", "cards", "words"),
     [
-        ("Fireface", CARDS, "may be 'ALSA/Fireface', 'JACK/Fireface'; allowed: one of these names in full"),
-        ("Scarlett", CARDS, "there is no sound card 'Scarlett'; allowed: 'ALSA/Fireface'"),
-        ("any", (), "there is no sound card; allowed: one that the system lists"),
+        ("Fireface", CARDS, "may be 'ALSA/Fireface', 'JACK/Fireface'; expected one of these names in full"),
+        ("Scarlett", CARDS, "there is no sound card 'Scarlett'; expected 'ALSA/Fireface'"),
+        ("any", (), "there is no sound card; expected one that the system lists"),
     ],
 )
 def test_find_card__none_or_two__is_refused(name: str, cards: tuple[Card, ...], words: str):
@@ -65,9 +65,9 @@ def test_sounddevice__missing__says_what_to_install(monkeypatch, error: type[Exc
 def test_open_rig__another_rate_a_loop_or_no_wiring__is_refused():
     looped = {"sound": {"output_full_scale_v": 1.0}}
     for name, display, words in (
-        ("sound:any@44100", sound_display(), "at 44100 Hz; allowed: the display's rate_hz, 8000 Hz"),
+        ("sound:any@44100", sound_display(), "at 44100 Hz; expected the display's rate_hz, 8000 Hz"),
         ("sound:any@-1", sound_display(), "a rate of -1 Hz"),
-        ("sound:any", parse_display(three_finger_display()), r"allowed: a table \[sound\] with output_full_scale_v"),
+        ("sound:any", parse_display(three_finger_display()), r"a table \[sound\] with output_full_scale_v"),
         (
             "sound:any",
             parse_display(three_finger_display() | looped),
@@ -95,7 +95,7 @@ def test_answer__job_that_hangs__one_fault_and_each_later_call_fails(monkeypatch
         go.wait(10.0)
         return "a stream"
 
-    with pytest.raises(DeviceFault, match=r"opening: the sound system has not answered for 0\.05 s; allowed: "):
+    with pytest.raises(DeviceFault, match=r"opening: the sound system has not answered for 0\.05 s; expected "):
         calls.answer(late, "opening", lambda made: undone.set() if made == "a stream" else None)
     with pytest.raises(DeviceFault, match="opening"):
         calls.answer(lambda: 7, "counting")
@@ -140,7 +140,7 @@ def test_answer__library_that_calls_abort__one_fault_and_the_program_goes_on():
     assert done.returncode == 0, done.stderr
     counted, *faults = done.stdout.splitlines()
     assert counted == "7"
-    words = "opening: the sound system has failed, as it does where its server ends; allowed: "
+    words = "opening: the sound system has failed, as it does where its server ends; expected "
     assert [fault.startswith(words) for fault in faults] == [True, True]
 
 

@@ -65,7 +65,7 @@ def test_delay_and_tone__no_wire__are_refused(heard: str):
 
 def test_tone_and_full_scale__out_of_range__are_refused():
     for level, frequency in ((0.0, 100.0), (1.0, 100.0), (0.1, 4000.0)):
-        with pytest.raises(BadInput, match="allowed: 1 to 3200 Hz"):
+        with pytest.raises(BadInput, match="1 to 3200 Hz"):
             tone(wire_rig(), frequency, level, 1.0)
     with pytest.raises(BadInput, match="a reading of 0 V rms"):
         full_scale_v(0.0, 0.1)
@@ -239,7 +239,7 @@ def test_play__beyond_the_travel_by_the_model__nothing_of_it_is_put_out():
     display = replace(loose, channels=tuple(replace(one, travel_mm=1e-5) for one in loose.channels))
     rig, card = turned_rig(display)
     rig.load(flat_controller(display, 0.07, limits=Limits(1.5, 2e-5)))
-    with pytest.raises(BadInput, match=r"'left': the reference moves it by .* allowed: its travel, 1e-05 mm"):
+    with pytest.raises(BadInput, match=r"'left': the reference moves it by .* its travel, 1e-05 mm"):
         rig.play(np.full((2000, 2), 20.0))
     assert not np.any(np.concatenate([*card.put_out, np.zeros((1, 2))]))
 

@@ -329,7 +329,7 @@ def _connect_to_server(dialect: Any, _: Any, arguments: Any, options: Any) -> An
 def _server_faults() -> tuple[type[Exception], ...]:
     """Return what a server that is gone raises: much of it passes the library by."""
     if importlib.util.find_spec("pg8000") is None:
-        raise BadInput("the package pg8000 is not installed", "pip install 'tactuator[stations]'")
+        raise BadInput("the package pg8000 is not installed: pip install 'tactuator[stations]'")
     return (*_DAMAGED, OSError, import_module("pg8000.exceptions").Error)
 
 

@@ -125,7 +125,7 @@ def sounddevice() -> Any:
         with quiet():
             return PORTAUDIO.answer(_initialised, "looking for sound cards")
     except ImportError:
-        raise BadInput("sound cards need sounddevice, which is not there", "pip install 'tactuator[sound]'") from None
+        raise BadInput("sound cards need sounddevice, which is not there: pip install 'tactuator[sound]'") from None
     except OSError:
         raise BadInput(
             "PortAudio's library is not there", "where it is installed (Debian: apt-get install libportaudio2)"
