@@ -27,7 +27,7 @@ clock_hz = 1e6
 
 def test_boards__folders_of_firmware__all_are_found_with_their_linker_scripts() -> None:
     assert [path.parent.name for path in FIRMWARE.glob("*/*.ld")] == list(read_boards()) == ["stm32f405"]
-    with pytest.raises(BadInput, match="board 'nucleo' is not known; allowed: stm32f405"):
+    with pytest.raises(BadInput, match="board 'nucleo' is not known; expected stm32f405"):
         find_board("nucleo")
 
 
@@ -37,7 +37,7 @@ def test_boards__a_folder_more__its_board_is_there_or_its_file_is_named(tmp_path
     (tmp_path / "own" / "board.toml").write_text(OWN)
     assert read_boards(tmp_path)["own"].rows == 512
     (tmp_path / "own" / "board.toml").write_text(text)
-    with pytest.raises(BadInput, match=r"own/board\.toml: .*; allowed: the keys of Board"):
+    with pytest.raises(BadInput, match=r"own/board\.toml: .*; expected the keys of Board"):
         read_boards(tmp_path)
 
 
@@ -82,7 +82,7 @@ def test_program__for_a_board_one_can_buy__is_the_same_in_every_form(tmp_path: P
     assert 0x08000000 < reset < 0x08000000 + len(content)
     assert words_of_a_hex_file((tmp_path / "f.hex").read_text()) == content
     assert main(["program", "--out", str(tmp_path / "f.dfu")]) == 2
-    assert "f.dfu: a program's name ends in '.dfu'; allowed: .elf, .bin, .hex" in capsys.readouterr().err
+    assert "f.dfu: a program's name ends in '.dfu'; expected .elf, .bin, .hex" in capsys.readouterr().err
 
 
 def test_program__that_does_not_fit_or_lacks_its_tools__is_refused(tmp_path: Path, monkeypatch) -> None:

@@ -178,7 +178,7 @@ def test_start__a_part_missing__it_answers_and_names_it_and_does_not_arm(program
         rig = BoardRig(client, designed().display, waits=False)
         assert client.ask(Request.ARM)[0] is RequestOutcome.INCOMPLETE
         rig.load(designed())
-        with pytest.raises(RigIncomplete, match=f"the board lacks: {part.words}; allowed: the wiring"):
+        with pytest.raises(RigIncomplete, match=f"the board lacks: {part.words}; expected the wiring"):
             rig.play([[0.0, 0.0, 0.0]])
         assert client.status().mode is Mode.OFF
     assert (chip.pins["A4"], chip.pins["A5"]) == (0, 0)
@@ -217,7 +217,7 @@ def test_supply__low_at_start_and_back__arms_then_and_low_again__halts(program: 
 def test_whole_board__bare__is_refused(program: Path) -> None:
     with started(program, Chip()) as (_, client):
         rig = BoardRig(client, designed().display, waits=False)
-        with pytest.raises(BadInput, match="the board lacks nothing; allowed: a run that is not bare"):
+        with pytest.raises(BadInput, match="the board lacks nothing; expected a run that is not bare"):
             verify(rig, designed(), 1.0, bare=True)
 
 

@@ -69,13 +69,13 @@ def difference(texts: Mapping[str, str], source: Mapping[str, str]) -> str | Non
     """Return in one line why `found` cannot stand in for `source`, or None where it can."""
     missing, beyond = sorted(set(source) - set(texts)), sorted(set(texts) - set(source))
     if missing or beyond:
-        return f"keys missing: {_few(missing)}; beyond: {_few(beyond)}; allowed: the same"
+        return f"keys missing: {_few(missing)}; beyond: {_few(beyond)}; expected the same"
     for key, text in texts.items():
         wanted, got = _names(source[key]), _names(text)
         if got != wanted:
-            return f"{key} puts in {_listed(got)}; allowed: {_listed(wanted)}"
+            return f"{key} puts in {_listed(got)}; expected {_listed(wanted)}"
         if not 0 < len(text) <= _TEXT_LENGTH_MAX:
-            return f"{key} has {len(text)} characters; allowed: 1 to {_TEXT_LENGTH_MAX}"
+            return f"{key} has {len(text)} characters; expected 1 to {_TEXT_LENGTH_MAX}"
     return None
 
 

@@ -82,7 +82,7 @@ def section_roots(c0: float, c1: float, c2: float) -> ComplexArray:
     return np.array([1.0 + far, 1.0 + near], dtype=np.complex128)
 
 
-_CANNOT_COMBINE = "{left} and {right} cannot be combined; allowed: two systems of the same kind of time and rate"
+_CANNOT_COMBINE = "{left} and {right} cannot be combined; expected two systems of the same kind of time and rate"
 Quotient = tuple[ComplexArray, ComplexArray]
 
 

@@ -154,7 +154,7 @@ class StudyProtocol:
     def warning(self) -> str:
         """Return that no curve follows from so few frequencies, "" where one does, or none is listed."""
         count = len(self.frequencies_hz)
-        return f"no curve: frequencies_hz has {count}; allowed: {POINTS_MIN} or more" if 0 < count < POINTS_MIN else ""
+        return f"no curve: frequencies_hz has {count}; expected {POINTS_MIN} or more" if 0 < count < POINTS_MIN else ""
 
     @property
     def files(self) -> tuple[str, ...]:
