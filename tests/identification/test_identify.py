@@ -115,7 +115,7 @@ def test_identify__acceleration__zeros_at_the_origin() -> None:
     found = identify(record, quantity="acceleration")
     for written, taken in (("acceleration", "acceleration"), ("warmth", "displacement")):  # in a file, as `record` does
         assert IdentifyOptions(order=2).of({"quantity": written}).quantity == taken
-    with pytest.raises(BadInput, match="order is 1 for the acceleration; expected 2 to 8"):
+    with pytest.raises(BadInput, match="order is 1 for the acceleration; it must be 2 to 8"):
         IdentifyOptions(order=1).of({"quantity": "acceleration"})
     assert (found.order, found.model.quantity) == (2, "acceleration")
     np.testing.assert_array_equal(found.model.num[1:], 0.0)

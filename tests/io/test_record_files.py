@@ -10,7 +10,7 @@ import scipy.io
 import soundfile
 
 from tactuator.errors import BadInput
-from tactuator.io import columns
+from tactuator.io import columns, text_table
 from tactuator.io.record import read_record, write_record
 from tactuator.io.reference import LARGEST_WAV_BYTES, ReferenceHead, content_sha256, open_reference, write_reference
 from tactuator.signals.record import Record
@@ -127,7 +127,7 @@ def test_csv__uneven_stamps__are_believed_where_the_position_follows_them(tmp_pa
 
 def test_csv__longer_than_memory_allows__is_read_in_part_and_said(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(columns, "MOST_SAMPLES", 1000)
-    monkeypatch.setattr(columns, "_PIECE_CHARACTERS", 9000)
+    monkeypatch.setattr(text_table, "_PIECE_CHARACTERS", 9000)
     read = read_record(write_csv(tmp_path / "r.csv", "t,u,y", TIME, U, Y))
     assert read.command.size == 1000
     assert any("only the first 1000 samples" in remark for remark in read.remarks)

@@ -17,7 +17,7 @@ from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
 from tactuator.experiment.store.store import Store
-from tactuator.io import columns
+from tactuator.io import text_table
 from tactuator.io.atomic import atomic_folder, atomic_path, write_text
 from tactuator.io.columns import read_columns
 from tactuator.io.controller import write_controller
@@ -345,7 +345,7 @@ def test_read_table__numbers_in_any_form__are_those_of_float(tmp_path_factory, n
     lines = ["a" + mark + "b" + mark + "c", *(mark.join(row).replace(".", DELIMITERS[mark]) for row in cells)]
     path.write_bytes(end.join(lines).encode())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(columns, "_PIECE_CHARACTERS", piece)
+        patch.setattr(text_table, "_PIECE_CHARACTERS", piece)
         names, values, cut = read_table(path, 1000, 10000)
     assert names == ["a", "b", "c"]
     assert not cut
@@ -375,7 +375,7 @@ def test_read_table__rows_of_several_lengths__are_refused(tmp_path: Path, text: 
 def test_read_table__limit_of_rows__is_kept_and_told(tmp_path, monkeypatch, most, read, cut) -> None:
     path = tmp_path / "t.csv"
     path.write_text("".join(f"{k},{k}\n" for k in range(10)) + "\n\n")
-    monkeypatch.setattr(columns, "_PIECE_CHARACTERS", 10)
+    monkeypatch.setattr(text_table, "_PIECE_CHARACTERS", 10)
     _, values, was_cut = read_table(path, most, 1000)
     assert (values[:, 1].tolist(), was_cut) == (list(range(read)), cut)
     _, values, was_cut = read_table(path, most, 12)

@@ -199,7 +199,7 @@ def test_reproduce__interrupted__leaves_nothing(tmp_path: Path, monkeypatch: pyt
 def test_reproduce__speech_that_is_none__is_refused_in_one_line(tmp_path: Path, run) -> None:
     (tmp_path / "text.wav").write_text("not sound at all, but long enough to look at")
     for name in ("none.wav", "text.wav"):
-        run.refused("reproduce", "--out", tmp_path / "paper", "--speech", tmp_path / name, said="; ")
+        run.refused("reproduce", "--out", tmp_path / "paper", "--speech", tmp_path / name, said=name)
 
 
 def test_observers_at_work__interrupted__their_processes_end() -> None:

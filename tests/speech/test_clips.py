@@ -137,7 +137,7 @@ def test_ahap__controls_and_sound__multiply_add_and_clamp_or_are_passed_over(tmp
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (("Version",), 2.0, "Version is 2; expected 1 to 1"),
+        (("Version",), 2.0, "Version is 2; it must be 1 to 1"),
         (("Pattern",), None, "Pattern is missing"),
         (("Pattern",), [], "no haptic event"),
         (("Pattern", 1), {"ParameterCurves": {}}, r"Pattern\[1\]: ParameterCurves; expected Event, ParameterCurve"),

@@ -136,8 +136,8 @@ def test_synthesise__other_rates__limits_kept(rate_hz: float) -> None:
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        ({"sensitivity_peak": 0.9}, "sensitivity_peak is 0.9; it must be above 1"),
-        ({"phase_margin_deg": 95.0}, "phase_margin_deg is 95; it must be below 90"),
+        ({"sensitivity_peak": 0.9}, "sensitivity_peak is 0.9; expected above 1"),
+        ({"phase_margin_deg": 95.0}, "phase_margin_deg is 95; expected below 90"),
         ({"mains_hz": (10.0,), "mains_max_db": (-11.0,)}, "S \\+ T = 1"),
         ({"mains_hz": (1900.0,), "mains_max_db": (-11.0,)}, "mains_hz has 1900 Hz; expected below 1800"),
     ],

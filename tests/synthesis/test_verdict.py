@@ -256,7 +256,7 @@ def test_outcome__some_met_some_open__is_not_met() -> None:
 @pytest.mark.parametrize(
     ("limits", "threshold_voltage_dc", "words"),
     [
-        ((1e6, 2.0), 1.0, r"command_v is 1e\+06; expected above 0, at most 10 V"),
+        ((1e6, 2.0), 1.0, r"command_v is 1e\+06; it must be above 0, at most 10 V"),
         ((10.0, -2.0), 1.0, "travel_v is -2"),
         ((10.0, 2.0, 90.0), 1.0, "comfort_db_sl is 90; it must be above 0, at most 55"),
         ((float("nan"), 2.0), 1.0, "command_v is nan"),

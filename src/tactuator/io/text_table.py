@@ -64,8 +64,8 @@ def read_table(path: Path, most_rows: int, most_values: int) -> tuple[list[str],
 class TextTable:
     """A table in a text: remarks, then perhaps a row of names, then rows of cells.
 
-    Lines that begin with # or % are remarks. Cells are parted by tabs, semicolons, commas or blanks, whichever the
-    middle one of the first rows has; a decimal comma becomes a point. Raises BadInput where the commas may as well
+    Lines that begin with # or % are remarks. Cells are parted by tabs, semicolons or commas, whichever half of the
+    first rows have, or by blanks; a decimal comma becomes a point. Raises BadInput where the commas may as well
     part thousands.
 
     Parameters
@@ -77,7 +77,7 @@ class TextTable:
         self._stream = stream
         rows = (line for line in itertools.islice(_lines(stream), _MOST_REMARKS) if _is_row(line))
         first = list(itertools.islice(rows, _FIRST_ROWS))
-        self._delimiter = _delimiter(first[len(first) // 2]) if first else None
+        self._delimiter = _delimiter(first)
         check_commas([cell for line in first for cell in _parts(line, self._delimiter)])
         self.is_empty = not first
         self.names = _header(first[0], self._delimiter) if first else None
@@ -178,11 +178,10 @@ def _is_row(line: str) -> bool:
     return not line.lstrip().startswith(("#", "%")) and not line.isspace()
 
 
-def _delimiter(line: str) -> str | None:
-    for mark in ("\t", ";", ","):
-        if mark in line:
-            return mark
-    return None
+def _delimiter(lines: list[str]) -> str | None:
+    """Return the mark between cells that at least half of the lines have, None for blanks."""
+    marks = ("\t", ";", ",")
+    return next((mark for mark in marks if lines and 2 * sum(mark in line for line in lines) >= len(lines)), None)
 
 
 def _header(line: str, delimiter: str | None) -> list[str] | None:

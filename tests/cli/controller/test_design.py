@@ -176,5 +176,5 @@ def test_controller__limit_of_a_million_volts__refused_with_a_hash_that_fits_too
     document["channels"][0]["limits"]["command_v"] = 1e6
     with pytest.raises(BadInput, match="hash"):
         parse_controller(document)
-    with pytest.raises(BadInput, match=r"limits: command_v is 1e\+06; expected above 0, at most 10 V"):
+    with pytest.raises(BadInput, match=r"limits: command_v is 1e\+06; it must be above 0, at most 10 V"):
         parse_controller(resealed(document))
