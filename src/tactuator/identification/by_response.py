@@ -51,11 +51,6 @@ class ResponseFit(Fitted):
     fixed: tuple[FixedAgainstOwn, ...] = ()
     out: Path | None = None
 
-    @property
-    def distrust(self) -> tuple[str, ...]:
-        """Return why the model is not to be trusted, empty if it is."""
-        return self.model.distrust
-
     def tables(self) -> Sequence[ResultTable]:
         """Return the model with its confidence, and what it is trusted by."""
         title = f"response: {self.order} poles, {self.model.num.size - 1} zeros"

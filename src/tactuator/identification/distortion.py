@@ -103,32 +103,30 @@ def distortion_of(
     follow = [row[0] for row in signals] if references is None else list(references)
     blocks = [
         np.concatenate([row.blocks(values) for row, values in zip(plans, rows, strict=True)])
-        for rows in ([row[0] for row in signals], [row[1] for row in signals], follow)
+        for rows in (*zip(*signals, strict=True), follow)
     ]
     command, position, asked = (np.fft.rfft(block, axis=2) / plan.period for block in blocks)
     lines = plan.lines
-    u, y, r = (row.mean(axis=1) for row in (command, position, asked))
-    value = _ratio(y[:, lines], u[:, lines], r[:, lines])
+    u, y, r = (row.mean(axis=1)[:, lines] for row in (command, position, asked))
+    value = np.sum(y * np.conj(r), axis=0) / np.sum(u * np.conj(r), axis=0)
     hertz = lines * rate_hz / plan.period
-    power = np.mean(np.abs(u[:, lines]) ** 2, axis=0)
-    misfit = y[:, lines] - value * u[:, lines]
-    between = position[:, :, lines] - value * command[:, :, lines]
-    noise = mean_over_frequency(_between_periods(between), hertz, hertz, 0.5 * POOLED, _FEWEST)
+    root = np.sqrt(np.mean(np.abs(u) ** 2, axis=0))
+    between = _between_periods(position[:, :, lines] - value * command[:, :, lines])
+
+    def near(power: FloatArray) -> FloatArray:
+        return mean_over_frequency(power, hertz, hertz, 0.5 * POOLED, _FEWEST)
+
+    noise = near(between)
     count = u.shape[0]
     odd, even = (
         _silent_level(position, command, silent, rate_hz / plan.period, hertz, value) for silent in plan.silent(rate_hz)
     )
-    # distortion has the plant's shape, noise has not: each is averaged over neighbours where it is smooth
-    seen = np.abs(value) ** 2
+    beyond = np.nan_to_num(odd) ** 2
     if count > 1:
-        each = np.sum(np.abs(misfit) ** 2, axis=0) / (count - 1.0)
-        beyond = (
-            mean_over_frequency((each - _between_periods(between)) / seen, hertz, hertz, 0.5 * POOLED, _FEWEST) * seen
-        )
-    else:
-        beyond = np.nan_to_num(odd) ** 2
+        # distortion has the plant's shape, noise has not: each is averaged over neighbours where it is smooth
+        seen, each = np.abs(value) ** 2, np.sum(np.abs(y - value * u) ** 2, axis=0) / (count - 1.0)
+        beyond = near((each - between) / seen) * seen
     total = noise + np.maximum(beyond, 0.0)
-    root = np.sqrt(power)
     return Distortion(
         frequency_hz=hertz,
         value=value,
@@ -136,15 +134,10 @@ def distortion_of(
         total=np.sqrt(total) / root,
         even=even / root,
         odd=odd / root,
-        variance=total / (count * power) + (_EXACT * np.abs(value)) ** 2,
+        variance=total / (count * root**2) + (_EXACT * np.abs(value)) ** 2,
         realisations=count,
         repeats=_repeats(command, lines),
     )
-
-
-def _ratio(position: ComplexArray, command: ComplexArray, asked: ComplexArray) -> ComplexArray:
-    above, below = (np.sum(lines * np.conj(asked), axis=0) for lines in (position, command))
-    return np.asarray(above / below)
 
 
 def _between_periods(lines: ComplexArray) -> FloatArray:

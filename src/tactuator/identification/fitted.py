@@ -58,7 +58,7 @@ class Fitted(Result):
 
     def fitted(self, *fit: Fact) -> list[Fact]:
         """Return the facts that both share, with how well the model fits."""
-        trusted = "no: " + "; ".join(self.model.distrust) if self.model.distrust else "yes"
+        trusted = "no: " + "; ".join(self.distrust) if self.distrust else "yes"
         return [*self.model.described(), *fit, found("trusted", trusted), *data(self._document())]
 
     def notices(self) -> Sequence[str]:
@@ -66,13 +66,18 @@ class Fitted(Result):
         return [
             *(f"note: {remark}" for remark in self.remarks),
             *(f"the record cannot tell: {row}" for row in self.model.trust if row.leaves_open),
-            *(f"the model is not to be trusted: {reason}" for reason in self.model.distrust),
+            *(f"the model is not to be trusted: {reason}" for reason in self.distrust),
         ]
+
+    @property
+    def distrust(self) -> tuple[str, ...]:
+        """Return why the model is not to be trusted, empty if it is."""
+        return self.model.distrust
 
     @property
     def holds(self) -> bool:
         """Return whether the model is to be trusted."""
-        return not self.model.distrust
+        return not self.distrust
 
     def next_step(self) -> str:
         """Return where the model goes."""
@@ -118,8 +123,8 @@ class Fitted(Result):
             "units": {"command": model.command_unit, "position": model.position_unit},
             "poles_hz": np.sort(np.abs(np.roots(model.den))) / (2.0 * np.pi),
             "order": self.order,
-            "trusted": not self.model.distrust,
-            "distrust": self.model.distrust,
+            "trusted": not self.distrust,
+            "distrust": self.distrust,
             "trust": [{**plain(row), "beyond": row.beyond} for row in model.trust],
             "frf": self.columns(),
             "remarks": self.remarks,

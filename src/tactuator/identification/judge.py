@@ -18,7 +18,6 @@ from tactuator.identification.check import (
     moved_range,
     valid_range,
 )
-from tactuator.identification.data import Signals
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fit import REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
@@ -29,10 +28,9 @@ from tactuator.identification.residual import (
     Residual,
     along_record,
     check_record_residual,
-    choice_of_model,
     feedback_seen,
     fit_percent,
-    record_residual,
+    residuals_of_model,
 )
 from tactuator.identification.residual_tests import CHANCE, ResidualTests
 from tactuator.identification.result import BetweenSamples, Candidate, Friction, Identification
@@ -55,6 +53,7 @@ _BENT = 0.1
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
 _DEGREES = 14.0
 """Time scales by which a residual is tested."""
+_BY_REFERENCE = "of the command what follows the recorded reference was fitted, free of noise fed back"
 _UNRESOLVED = 5.0
 """Half-width of a Coulomb level c that builds up between two samples, in c²/(rms of the command): on records of another
 generator it was off by up to 4 of these, and by less than the interval where friction's reversals can be seen."""
@@ -72,57 +71,54 @@ def identification(
 ) -> Identification:
     """Return the identification by the chosen fit, its band wide enough for the other hold where none is certain;
     source: who says what the command does between its samples. distortion: what a periodic record shows beside the
-    response. friction_fit: the fit of friction that it comes from. fitted: whether
-    the records' likelihood is greatest there.
+    response. friction_fit: the fit of friction that it comes from. fitted: is the records' likelihood greatest there?
     """
-    chosen, other, to_position = estimate.chosen, None, common.scale[1]
-    spectra = estimate.spectra
-    residuals = estimate.residuals or record_residual(
-        choice_of_model(chosen.fit, spectra, 0.5 * common.rate_hz), spectra
-    )
+    chosen, other = estimate.chosen, None
+    residuals = estimate.residuals or residuals_of_model(chosen.fit, estimate.spectra, 0.5 * common.rate_hz)
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
     if (friction_fit is not None or bent[0] > 0.0) and estimate.advantage < BENT * estimate.enough:
         # what no form here has, one hold's half sample may pass for
         estimate = replace(estimate, certain=False, enough=BENT * estimate.enough)
-    between = BetweenSamples(estimate.chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
-    remarks = list(common.remarks)
-    rows = list[QualityCheck]()
-    if between.source == "data":
+    between = BetweenSamples(chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
+    tests = _tests(estimate, residuals, distortion, fitted=fitted)
+    friction = None if friction_fit is None else friction_of(friction_fit, tests, common)
+    rows = [*check_polarity(model.num, model.den)]
+    rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
+    if source == "data":
         rows.append(trust.HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}"))
-    if estimate.before is not None:
-        remarks.append("of the command what follows the recorded reference was fitted, free of noise fed back")
-    if estimate.other is not None and not estimate.certain and between.source == "data":
+    if estimate.other is not None and not between.certain:
         other = _model(common, estimate, estimate.other, distortion, friction_fit)
         model = model.holding(other)
-    tests = _tests(estimate.data.signals, estimate, residuals, fitted=fitted)
-    friction = None if friction_fit is None else friction_of(friction_fit, tests, common)
-    if distortion is not None and distortion.repeats is not None:
-        tests = replace(tests, feedback=not distortion.repeats)
-    rows += check_polarity(model.num, model.den)
-    rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
     model = _with_what_is_left(model.with_checks(*rows), tests, bent, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
-    offset = float(common.records[0].position.mean())
-    simulated = np.concatenate([residual.simulated for residual in residuals])
-    measured = np.concatenate([residual.taken.measured for residual in residuals])
+    simulated, measured, percent = _positions(residuals, common)
     result = Identification(
         model=model,
         order=chosen.fit.form.poles,
         excitation=replace(common.excitation, needed=chosen.fit.form.count),
         tests=tests,
-        fit_percent=fit_percent(measured, simulated),
+        fit_percent=percent,
         friction=friction,
         tried=_tried(estimate),
         empirical=common.own_response,
-        simulated=simulated * to_position + offset,
-        measured=measured * to_position + offset,
-        remarks=tuple(remarks),
+        simulated=simulated,
+        measured=measured,
+        remarks=common.remarks if estimate.before is None else (*common.remarks, _BY_REFERENCE),
         between=between,
         other=other,
         distortion=distortion,
     )
     return result if estimate.free is None else _beside_free(result, common, estimate, estimate.free)
+
+
+def _positions(residuals: Sequence[Residual], common: Prepared) -> tuple[FloatArray, FloatArray, float]:
+    """Return simulated and measured positions in the records' unit, (n,) each, and how well they fit, percent."""
+    simulated = np.concatenate([residual.simulated for residual in residuals])
+    measured = np.concatenate([residual.taken.measured for residual in residuals])
+    offset, to_position = float(common.records[0].position.mean()), common.scale[1]
+    percent = fit_percent(measured, simulated)
+    return simulated * to_position + offset, measured * to_position + offset, percent
 
 
 def _beside_free(
@@ -171,9 +167,9 @@ def friction_of(friction_fit: FrictionFit, tests: ResidualTests, common: Prepare
 def _tried(estimate: SpectralEstimate) -> tuple[Candidate, ...]:
     candidates = []
     for choice in (estimate.chosen, *([] if estimate.other is None else [estimate.other])):
-        best = choice.criterion(choice.fit)
-        for form, fit in sorted(choice.fits.items(), key=lambda pair: choice.criterion(pair[1])):
-            behind = choice.criterion(fit) - best
+        best = choice.problem.criterion(choice.fit)
+        for form, fit in sorted(choice.fits.items(), key=lambda pair: choice.problem.criterion(pair[1])):
+            behind = choice.problem.criterion(fit) - best
             candidates.append(Candidate(form.poles, form.zeros, form.dead_time, fit.cost, choice.hold, behind))
     return tuple(candidates)
 
@@ -224,10 +220,12 @@ def _valid(model: PlantModel, estimate: SpectralEstimate) -> tuple[float, float]
 
 
 def _tests(
-    signals: Signals, estimate: SpectralEstimate, residuals: Sequence[Residual], *, fitted: bool
+    estimate: SpectralEstimate, residuals: Sequence[Residual], distortion: Distortion | None, *, fitted: bool
 ) -> ResidualTests:
-    """Return the tests of all residuals; a loop counts as seen where it shows under either hold."""
-    fit, pairs = estimate.chosen.fit, zip(signals, residuals, strict=True)
+    """Return the tests of all residuals; a loop counts as seen where it shows under either hold, or where the command
+    of a periodic record does not repeat itself.
+    """
+    fit, pairs = estimate.chosen.fit, zip(estimate.data.signals, residuals, strict=True)
     tests = [check_record_residual(command, residual, fit, fitted=fitted) for (command, _), residual in pairs]
     seen = {test.feedback for test in tests}
     if estimate.other is not None and estimate.other_residuals and not estimate.certain:
@@ -235,11 +233,14 @@ def _tests(
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
     part = max(range(len(tests)), key=lambda k: tests[k].knock)
     skew_ppm, drift = along_record(fit, residuals)
+    feedback = True in seen or None
+    if distortion is not None and distortion.repeats is not None:
+        feedback = not distortion.repeats
     return ResidualTests(
         white_p=min(1.0, len(tests) * min(test.white_p for test in tests)),
         uncorrelated_p=min(1.0, len(tests) * min(test.uncorrelated_p for test in tests)),
         unexplained=max(test.unexplained for test in tests),
-        feedback=True in seen or None,
+        feedback=feedback,
         knock=tests[part].knock,
         jump=tests[part].jump,
         part=part,

@@ -268,6 +268,11 @@ class SpectralProblem:
         _, apart = eliminated(rest[np.ix_(order, order)], slopes.shape[0])
         return np.asarray(apart[0, 1:] ** 2 / np.maximum(np.diag(apart)[1:], 1e-300))
 
+    def criterion(self, fit: SpectralFit) -> float:
+        """Return -2 log likelihood with Bayes' penalty."""
+        criterion = 2.0 * fit.cost + float(np.log(self.given.total)) * fit.form.count
+        return criterion if np.isfinite(criterion) else np.inf  # a fit that overflows is the last one
+
     def covariance_of(self, fit: SpectralFit) -> FloatArray:
         """Return the covariance of (numerator, theta, dead time), transients beside, for noise of the weights."""
         if fit not in self._covariances:

@@ -73,6 +73,11 @@ def choice_of_model(fit: SpectralFit, spectra: Sequence[Spectrum], highest_hz: f
     return Choice(grid.hold, here, {fit.form: here}, problem)
 
 
+def residuals_of_model(fit: SpectralFit, spectra: Sequence[Spectrum], highest_hz: float) -> tuple[Residual, ...]:
+    """Return what a model leaves of records that it was not fitted to."""
+    return record_residual(choice_of_model(fit, spectra, highest_hz), spectra)
+
+
 def check_record_residual(
     command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True
 ) -> ResidualTests:

@@ -163,11 +163,6 @@ class Identification(Fitted):
         return (1.0 / gain, float(half[0])), (damping / gain, float(half[1]))
 
     @property
-    def distrust(self) -> tuple[str, ...]:
-        """Return why the model is not to be trusted, empty if it is."""
-        return self.model.distrust
-
-    @property
     def poles_hz(self) -> FloatArray:
         """Return |pole| / 2 pi, ascending, (order,)."""
         return np.sort(np.abs(np.roots(self.model.den))) / (2.0 * np.pi)

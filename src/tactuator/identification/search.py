@@ -58,10 +58,6 @@ class Choice:
     fits: dict[Form, SpectralFit]
     problem: SpectralProblem
 
-    def criterion(self, fit: SpectralFit) -> float:
-        """Return -2 log likelihood for the noise of the chosen fit, with Bayes' penalty."""
-        return 2.0 * fit.cost + float(np.log(self.problem.given.total)) * fit.form.count
-
 
 def propose(
     data: Data,
@@ -251,7 +247,7 @@ def _with_slow_poles(
             break
         theta = sections_of(np.append(free_poles(best.theta, best.form), -places[np.argmax(won)]))
         slower = problem.descend(form, theta, best.delay, most=12)
-        if slower is None or _score(problem, slower) > _score(problem, best) - _SLOWER:
+        if slower is None or problem.criterion(slower) > problem.criterion(best) - _SLOWER:
             break
         best = slower
         yield best
@@ -264,7 +260,7 @@ def _preferred(choice: Choice, data: Data) -> Choice:
     problem, best = choice.problem, choice.fit
     near = _near(problem, choice.fits, best) | {best.form: best}
     preferred = _best(problem, near)
-    if _score(problem, preferred) < _score(problem, best):
+    if problem.criterion(preferred) < problem.criterion(best):
         again = data.weighted(problem, preferred)
         fitted = _again(again, preferred, 10) or preferred
         # by weights of its own residual a fit's cost is the number of equations, unless its numbers ran away
@@ -303,7 +299,7 @@ def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bo
 
 def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
     """Return the other fits that are not far behind, gone on with for the problem's weights."""
-    near = [fit for fit in fits.values() if _score(problem, fit) < _score(problem, best) + 60.0]
+    near = [fit for fit in fits.values() if problem.criterion(fit) < problem.criterion(best) + 60.0]
     return {fit.form: _again(problem, fit, 4) or fit for fit in near if fit is not best}
 
 
@@ -320,15 +316,10 @@ def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit
     return problem.descend(fit.form, fit.theta, fit.delay, most=most)
 
 
-def _score(problem: SpectralProblem, fit: SpectralFit) -> float:
-    score = 2.0 * fit.cost + float(np.log(problem.given.total)) * fit.form.count
-    return score if np.isfinite(score) else np.inf  # a fit that overflows is the last one
-
-
 def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFit:
-    lowest = min(_score(problem, fit) for fit in fits.values())
-    near = [fit for fit in fits.values() if _score(problem, fit) <= lowest + TIE]
-    return min(near, key=lambda fit: (fit.form.poles, _score(problem, fit)))
+    lowest = min(problem.criterion(fit) for fit in fits.values())
+    near = [fit for fit in fits.values() if problem.criterion(fit) <= lowest + TIE]
+    return min(near, key=lambda fit: (fit.form.poles, problem.criterion(fit)))
 
 
 def _pruned(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:

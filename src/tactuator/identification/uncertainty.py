@@ -54,11 +54,11 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     value = best.response(frequency_hz)
     slopes = log_slopes(best, frequency_hz)
     spread = choice.problem.covariance_of(best)
-    lowest = min(choice.criterion(fit) for fit in choice.fits.values())
+    lowest = min(choice.problem.criterion(fit) for fit in choice.fits.values())
     total, magnitude, phase = 0.0, np.zeros(frequency_hz.size), np.zeros(frequency_hz.size)
     own_variance = _variances(slopes, spread)
     for fit in choice.fits.values():
-        behind = choice.criterion(fit) - lowest
+        behind = choice.problem.criterion(fit) - lowest
         if behind > _LEAST_WEIGHT:
             continue
         weight = float(np.exp(-0.5 * behind))

@@ -19,9 +19,8 @@ from tactuator.identification.options import solvable
 from tactuator.identification.residual import (
     Residual,
     check_record_residual,
-    choice_of_model,
     fit_percent,
-    record_residual,
+    residuals_of_model,
 )
 from tactuator.identification.residual_tests import CHANCE, ResidualTests
 from tactuator.identification.result import Identification, Validation
@@ -69,7 +68,7 @@ def validate(result: Identification, record: Record, name: str = "") -> Validati
 
     def left_of(moving: FloatArray) -> Residual:
         spectra = spectra_read_late([(moving, position)], record.rate_hz, fit.delay_s)
-        return record_residual(choice_of_model(fit, spectra, HIGHEST * record.rate_hz), spectra)[0]
+        return residuals_of_model(fit, spectra, HIGHEST * record.rate_hz)[0]
 
     moving, residual, path = command, left_of(command), position
     for _ in range(2 if model.friction else 0):
