@@ -233,7 +233,7 @@ def _tests(
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
     part = max(range(len(tests)), key=lambda k: tests[k].knock)
     skew_ppm, drift = along_record(fit, residuals)
-    feedback = True in seen or None
+    feedback: bool | None = True in seen or None
     if distortion is not None and distortion.repeats is not None:
         feedback = not distortion.repeats
     return ResidualTests(
