@@ -160,24 +160,23 @@ def test_load__controller_of_other_channels_or_rate__is_refused(rig: Rig) -> Non
     assert len(rig.play(tones(20))) == 20
 
 
-def test_load__controller_that_reshapes_its_reference__is_played_so_or_refused(rig: Rig) -> None:
+@pytest.mark.parametrize(
+    ("does", "made", "words"),
+    [
+        ("reshapes", lambda: reshaped(designed()), r"its reference is reshaped .* without \[strength\] blended"),
+        ("feeds_forward", adaptive, r"what a finger takes is fed forward.* without \[touch\] adaptive"),
+    ],
+)
+def test_load__controller_that_does_more__is_played_so_or_refused(rig: Rig, does: str, made, words: str) -> None:
     """A rig of another package, and one of ours, played it as it came, and said nothing."""
     plain = rig.play(tones()).position_v
-    if rig.reshapes:
-        rig.load(reshaped(designed()))
-        assert np.max(np.abs(rig.play(tones()).position_v - plain)) > 0.05 * np.max(np.abs(plain))
-        return
-    with pytest.raises(BadInput, match=r"'index': its reference is reshaped .* without \[strength\] blended"):
-        rig.load(reshaped(designed()))
-    assert len(rig.play(tones(20))) == 20
-
-
-def test_load__controller_that_feeds_a_finger_forward__is_played_so_or_refused(rig: Rig) -> None:
-    if rig.feeds_forward:
-        rig.load(adaptive())
+    if getattr(rig, does):
+        rig.load(made())
+        if does == "reshapes":
+            assert np.max(np.abs(rig.play(tones()).position_v - plain)) > 0.05 * np.max(np.abs(plain))
     else:
-        with pytest.raises(BadInput, match=r"'index': what a finger takes is fed forward.* without \[touch\] adaptive"):
-            rig.load(adaptive())
+        with pytest.raises(BadInput, match=f"'index': {words}"):
+            rig.load(made())
     assert len(rig.play(tones(20))) == 20
 
 

@@ -13,7 +13,6 @@ import zlib
 from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
-from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -31,8 +30,6 @@ CHANNELS_MAX: int = lib.TACT_CHANNELS_MAX
 """Channels that a board runs."""
 _HEAD = struct.Struct("<4sHBBIf")
 _MAGIC, _VERSION = b"TACI", 4
-CONDITIONING_MAX = 1e6
-"""Threshold units for a volt; beyond it F hardly reaches u' at once, and nothing is conditioned."""
 _CHANNEL_HEAD = struct.Struct("<16sBBBBf")
 """Of a channel in an image: name, prefilter sections, feedback sections, the layout of what feeds forward for a finger
 and of what reshapes the reference (0: none), command limit in volts."""
@@ -40,18 +37,11 @@ and of what reshapes the reference (0: none), command limit in volts."""
 
 def delta_coefficients(sos: ArrayLike) -> FloatArray:
     """Return b0, b1', b2', a1', a2' of each section in double, sums exact before they are rounded: shape (n, 5)."""
-    return np.array(_delta_rows(check_sections(sos).tobytes()), dtype=np.float64).reshape(-1, 5)
-
-
-@lru_cache(maxsize=64)
-def _delta_rows(sections: bytes) -> list[list[float]]:
-    """Return the rows of sections (n, 6): a controller that is loaded again needs no sums of fractions."""
     rows = []
-    for section in np.frombuffer(sections).reshape(-1, 6).tolist():
-        b0, b1, b2, a0, a1, a2 = (Fraction(value) for value in section)
-        exact = (b0 / a0, (2 * b0 + b1) / a0, (b0 + b1 + b2) / a0, (2 * a0 + a1) / a0, (a0 + a1 + a2) / a0)
-        rows.append([float(value) for value in exact])
-    return rows
+    for section in check_sections(sos).tolist():
+        b0, b1, b2, a0, a1, a2 = map(Fraction, section)
+        rows.append([float(x / a0) for x in (b0, 2 * b0 + b1, b0 + b1 + b2, 2 * a0 + a1, a0 + a1 + a2)])
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
 def delta_coefficients_single(sos: ArrayLike, most: int, name: str) -> NDArray[np.float32]:
@@ -175,12 +165,7 @@ def conditioning(channel: ChannelController) -> float:
         return 0.0
     sections = np.concatenate([channel.prefilter_sos, channel.feedback_sos])
     direct = float(np.prod(sections[:, 0] / sections[:, 3]))
-    return 1.0 / direct if abs(direct) > 1.0 / CONDITIONING_MAX else 0.0
-
-
-def reference_max(channel: ChannelController) -> float:
-    """Return the greatest reference that conditioning may come to, in threshold units: the comfort level."""
-    return float(from_db(channel.limits.comfort_db_sl))
+    return 1.0 / direct if abs(direct) > 1e-6 else 0.0  # F hardly reaches u' at once: nothing is conditioned
 
 
 def channel_bytes(channel: ChannelController, rate_hz: float, place: int) -> bytes:
@@ -200,7 +185,8 @@ def channel_bytes(channel: ChannelController, rate_hz: float, place: int) -> byt
     feedbacks = 0 if channel.feedback_sos is None else len(channel.feedback_sos)
     name = channel.name.encode()[:16].ljust(16, b"\0")
     head = _CHANNEL_HEAD.pack(name, len(channel.prefilter_sos), feedbacks, *layouts, channel.limits.command_v)
-    unwinding = np.array([*channel.anti_windup.gains, conditioning(channel), reference_max(channel)], dtype="<f4")
+    comfort = from_db(channel.limits.comfort_db_sl)  # the greatest reference that conditioning may come to
+    unwinding = np.array([*channel.anti_windup.gains, conditioning(channel), comfort], dtype="<f4")
     return head + unwinding.tobytes() + np.concatenate(rows).astype("<f4").tobytes() + touch + strength
 
 
@@ -215,10 +201,6 @@ def _strength_bytes(channel: ChannelController, shaping: StrengthShaping, rate_h
     return figures.astype("<f4").tobytes()
 
 
-FORGETTING_MAX = 0.999 / lib.TACT_TOUCH_LEVEL_RATE
-"""Share of the memory that is forgotten in a turn, at most: the level beside it follows that many times sooner."""
-
-
 def _touch_bytes(channel: ChannelController, model: FeedForward, rate_hz: float, place: int) -> bytes:
     where = f"controller, channel {channel.name!r}: touch: "
     if channel.feedback_sos is None:
@@ -229,12 +211,14 @@ def _touch_bytes(channel: ChannelController, model: FeedForward, rate_hz: float,
         raise BadInput(f"{where}turns is {model.turns}", "1 to 255")
     period_s, turn_s = 1.0 / rate_hz, model.turns * (1.0 / rate_hz)
     angles = 2.0 * np.pi * np.array(model.hum_hz, dtype=np.float64) * model.turns / rate_hz
+    # the level beside the memory follows so many times sooner, and may not overtake
+    forgetting_max = 0.999 / lib.TACT_TOUCH_LEVEL_RATE
     figures = np.concatenate(
         [
             *_poles(model, period_s),
             [
                 2.0 * np.pi * model.slow_hz * turn_s,
-                min(turn_s / model.forgetting_s, FORGETTING_MAX),
+                min(turn_s / model.forgetting_s, forgetting_max),
                 model.gate_v**2,
                 model.ridge_v**2,
                 model.shape,
