@@ -13,7 +13,8 @@ from tactuator.console.loop_shape import FACTORS_MAX, Factor, LoopShape, shape_o
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display
 from tactuator.signals.discretise import discretise
-from tactuator.signals.loop import FeedbackLoop, margins
+from tactuator.signals.loop import FeedbackLoop
+from tactuator.signals.loop_figures import margins
 from tactuator.signals.systems import ContinuousSystem
 from tests.three_fingers import three_finger_display
 

@@ -12,8 +12,8 @@ from tactuator.errors import BadInput
 from tactuator.signals import loop as module
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
-from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, UnstableLoop, is_stable, least_gain, margins
-from tactuator.signals.loop_figures import LoopFigures
+from tactuator.signals.loop import FeedbackLoop, TwoDegreeLoop, UnstableLoop, is_stable
+from tactuator.signals.loop_figures import LoopFigures, Margins, analysis_grid_hz, least_gain, margins
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, sections_response
 from tactuator.synthesis import paper
 from tests.signals.precisely import level_db
@@ -305,7 +305,7 @@ def test_margins__random_second_order_loop__python_control_agrees(damping: float
 
 def _identities(loop: FeedbackLoop, found: Margins) -> None:
     """S + T = 1; classical margins are at least what max|S| and the disk promise (Seiler et al. 2020)."""
-    grid = module.analysis_grid_hz(loop)
+    grid = analysis_grid_hz(loop)
     assert np.abs(loop.sensitivity(grid) + loop.complementary(grid) - 1.0).max() < 1e-9
     assert np.abs(loop.sensitivity(grid)).max() <= found.sensitivity_peak * (1.0 + 1e-9)
     promised = np.degrees(2.0 * np.arcsin(0.5 / found.sensitivity_peak))

@@ -9,7 +9,8 @@ from scipy import stats
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.verdict import Finding, Outcome
-from tactuator.signals.loop import FeedbackLoop, margins
+from tactuator.signals.loop import FeedbackLoop
+from tactuator.signals.loop_figures import margins
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import QUANTILES, DrawnPlants, monte_carlo

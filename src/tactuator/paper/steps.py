@@ -22,7 +22,8 @@ from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, Plan, Progress
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import discretise
-from tactuator.signals.loop import FeedbackLoop, Margins, TwoDegreeLoop, margins
+from tactuator.signals.loop import FeedbackLoop, TwoDegreeLoop
+from tactuator.signals.loop_figures import Margins, margins
 from tactuator.signals.systems import SampledSystem
 from tactuator.speech.limiter import FingerLimiting
 from tactuator.speech.reading import SpeechFile, sample_path, scan_speech

@@ -13,8 +13,8 @@ from matplotlib.ticker import MultipleLocator
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.report.figure import BLUE, GREEN, INK, ORANGE, PURPLE, RED, ReportFigure, subplots
 from tactuator.signals.decibels import db
-from tactuator.signals.loop import FeedbackLoop, Margins, System, margins
-from tactuator.signals.loop_figures import continuous_phase_deg
+from tactuator.signals.loop import FeedbackLoop, System
+from tactuator.signals.loop_figures import Margins, continuous_phase_deg, margins
 
 GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6.0)
 _PHASE_LEVELS_DEG = tuple(float(angle) for angle in range(-330, 0, 30) if angle != -180)

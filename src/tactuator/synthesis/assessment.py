@@ -16,7 +16,8 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.model.description import Channel
 from tactuator.signals.decibels import db
-from tactuator.signals.loop import FeedbackLoop, Margins, UnstableLoop, margins
+from tactuator.signals.loop import FeedbackLoop, UnstableLoop
+from tactuator.signals.loop_figures import Margins, margins
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.family import Member
 from tactuator.synthesis.limits import Limit, Quantity

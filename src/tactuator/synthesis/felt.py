@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.description import Channel, Environment
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.loop import TwoDegreeLoop, margins
+from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.loop_figures import margins
 from tactuator.synthesis.assessment import command_noise_gain
 
 _ANGLES = (np.arange(256) + 0.5) * (np.pi / 256.0)

@@ -29,8 +29,8 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.signals.loop import FeedbackLoop, least_gain
-from tactuator.signals.loop_figures import LoopFigures
+from tactuator.signals.loop import FeedbackLoop
+from tactuator.signals.loop_figures import LoopFigures, least_gain
 from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import (

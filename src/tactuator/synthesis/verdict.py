@@ -36,7 +36,8 @@ from tactuator.model.verdict import (
     verdict_of,
 )
 from tactuator.signals.decibels import db
-from tactuator.signals.loop import TwoDegreeLoop, margins
+from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.loop_figures import margins
 from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
