@@ -1,5 +1,5 @@
 """People whom the tool misled, and what it has to tell them: an open-loop LRA under a finger, an identified voice coil
-with hum, a display that describes no loads. What a verdict says of each alone: tests/synthesis/test_verdict.
+with hum, a display that describes no loads. What a verdict says of each alone: tests/synthesis/test_objectives.
 """
 
 import json
@@ -11,7 +11,7 @@ from tactuator.io.controller import read_controller
 from tactuator.io.display import read_display
 from tactuator.measure.noise import felt_noise
 from tactuator.rig.simulated import SimulatedRig
-from tactuator.synthesis.verdict import judge
+from tactuator.synthesis.objectives import judge
 
 DISPLAY = """
 [display]

@@ -25,7 +25,7 @@ from tactuator.model.verdict import finding_row
 from tactuator.report.printed import design_rows
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.synthesis.verdict import whole_verdict
+from tactuator.synthesis.objectives import whole_verdict
 from tests.console.pages import ONE, TOKEN, dropped
 from tests.web.server import served
 

@@ -27,7 +27,7 @@ from tactuator.perception.curve import curve
 from tactuator.signals.record import Response
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
-from tactuator.synthesis.verdict import judge
+from tactuator.synthesis.objectives import judge
 from tests.model.beams import Beam
 from tests.three_fingers import three_finger_display
 from tools.display_reference import PAGE, TABLE, reference

@@ -21,7 +21,7 @@ from tactuator.paper.run import PaperStudy, judge_objectives
 from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, worst_error_db
 from tactuator.paper.summary import comparison, summary
 from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db, observers_at_work
-from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, RESONANCE
+from tactuator.synthesis.objectives import FELT_HUM, FELT_NOISE, RESONANCE
 from tests.paper.conftest import Reproduced
 from tests.report.boxes import assert_texts_apart
 

@@ -12,9 +12,9 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.assessment import all_kept
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.limits import Task
 from tactuator.synthesis.loop_synthesis import diagnosis, judged, synthesise
 from tactuator.synthesis.problem import LoopProblem, hops, is_sound, starts
-from tactuator.synthesis.task import Task
 from tests.synthesis.displays import FINGER_LIMITS, channel, of
 
 KINDS = ("resonator", "integrator with a mode", "mode and antiresonance", "motor with dead time")

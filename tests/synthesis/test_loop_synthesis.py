@@ -22,10 +22,9 @@ from tactuator.synthesis.assessment import all_kept, assess, command_noise_gain
 from tactuator.synthesis.candidates import COUNT
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.family import plant_family
-from tactuator.synthesis.limits import Limit, loop_limits
+from tactuator.synthesis.limits import Limit, Task, loop_limits
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter, response_error_db
 from tactuator.synthesis.problem import LoopProblem
-from tactuator.synthesis.task import Task
 from tests.synthesis.displays import channel, of, paper_alone, three_finger_controller, three_fingers
 from witnesses.loops.search import Judge, delivered, drawn, named
 

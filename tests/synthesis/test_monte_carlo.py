@@ -14,7 +14,7 @@ from tactuator.signals.loop_figures import margins
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import QUANTILES, DrawnPlants, monte_carlo
-from tactuator.synthesis.verdict import drawn_assumptions, judge_drawn
+from tactuator.synthesis.objectives import drawn_assumptions, judge_drawn
 from tests.synthesis.displays import channel, paper_alone, paper_controller
 
 

@@ -28,9 +28,9 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import Headroom, design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import monte_carlo
+from tactuator.synthesis.objectives import AT_LOWEST, judge, judge_channel
 from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_error_db
 from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, push_responses
-from tactuator.synthesis.verdict import AT_LOWEST, judge, judge_channel
 from tests.griffin import distance_db, griffin
 from tests.rig.guard import guarded
 from tests.runtime.paper_display import RATE_HZ, channel, controller, display

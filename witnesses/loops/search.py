@@ -26,8 +26,8 @@ from tactuator.model.requirements import FeedbackRequirements
 from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.family import plant_family
+from tactuator.synthesis.limits import Task
 from tactuator.synthesis.loop_synthesis import synthesise
-from tactuator.synthesis.task import Task
 
 RATE_HZ, DELAY = 8000.0, 1
 SENSITIVITY, MARGIN_DEG, NOISE, RESONANCE, RESERVED = 1.45, 50.0, 30.0, 1.3, 1.15

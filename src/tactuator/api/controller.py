@@ -27,7 +27,7 @@ from tactuator.runtime.image import ImageRefusal, check_image, read_image_header
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.monte_carlo import monte_carlo as draw_plants
 from tactuator.synthesis.monte_carlo import plants_table
-from tactuator.synthesis.verdict import whole_verdict
+from tactuator.synthesis.objectives import whole_verdict
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded, at_rate, controller_bits
 from tactuator.wordlength.float32_check import Float32Check, built, check_float32
 

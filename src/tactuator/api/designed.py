@@ -22,7 +22,7 @@ from tactuator.report.printed import design_rows, printed_factors
 from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, ResultTable, found, in_a_line
 from tactuator.signals.decibels import db
 from tactuator.synthesis.exchange import continuous_form
-from tactuator.synthesis.verdict import whole_verdict
+from tactuator.synthesis.objectives import whole_verdict
 
 
 class ControllerResult(Result, Controller):

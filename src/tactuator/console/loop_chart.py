@@ -24,8 +24,8 @@ from tactuator.signals.loop_figures import LoopFigures, around_modes_hz, continu
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
+from tactuator.synthesis.objectives import AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
 from tactuator.synthesis.prefilter import fit_prefilter
-from tactuator.synthesis.verdict import AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
 from tactuator.wordlength.float32_check import buildable
 
 _TILES = (FELT_MINUS_ASKED, AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")

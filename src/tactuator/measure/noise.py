@@ -40,7 +40,7 @@ from tactuator.signals.spectra import (
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
-from tactuator.synthesis.verdict import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
+from tactuator.synthesis.objectives import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
 
 _QUIET_BAND = (0.25, 0.45)
 """Of the rate: where the density of the noise is read, above hum and motion."""

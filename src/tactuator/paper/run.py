@@ -40,7 +40,7 @@ from tactuator.signals.decibels import db
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.spectra import lock_in
 from tactuator.speech.reading import SpeechFile
-from tactuator.synthesis.verdict import RESONANCE, judge
+from tactuator.synthesis.objectives import RESONANCE, judge
 from tactuator.wordlength.bits import Needed
 
 JUDGED_AT_DB_SL = 30.0

@@ -41,15 +41,13 @@ def discretise(
     Raises BadInput for an improper system; for a bilinear transform also where a root lies at s = 2 rate or the dead
     time is not whole.
     """
-    if not system.is_proper:
-        raise BadInput(
-            f"system has {system.zeros.size} zeros and {system.poles.size} poles", "no more zeros than poles"
-        )
+    zeros, poles = system.zeros.size, system.poles.size
+    if zeros > poles:
+        raise BadInput(f"system has {zeros} zeros and {poles} poles", "no more zeros than poles")
     sampled = _held(system, rate_hz) if method == "zoh" else _bilinear(system, rate_hz)
     # of a plant with fewer than two poles more than zeros, samples show images of the steps; of others < 0.02 dB
-    shows_images = method == "zoh" and system.poles.size - system.zeros.size < 2
-    late_s = system.delay_s + delay_samples / rate_hz
-    held = replace(system, delay_s=late_s) if shows_images else None
+    shows_images = method == "zoh" and poles - zeros < 2
+    held = replace(system, delay_s=system.delay_s + delay_samples / rate_hz) if shows_images else None
     return replace(sampled, delay_samples=sampled.delay_samples + delay_samples, held=held)
 
 
@@ -85,27 +83,22 @@ def held_state_space(system: ContinuousSystem, rate_hz: float) -> tuple[FloatArr
     """
     whole = math.floor(system.delay_s * rate_hz + _WHOLE)
     fraction = max(0.0, system.delay_s * rate_hz - whole)
-    a, b, c, d = _canonical(system, 1.0 / rate_hz)
-    ad, bd = held_matrices(a, b, 1.0)
-    if fraction <= _WHOLE:
-        return ad, bd, c, d, whole
-    late, order = late_input(a, b, 1.0, fraction), b.size
-    held = np.zeros((order + 1, order + 1))
-    held[:order, :order], held[:order, order] = ad, late
-    return held, np.append(bd - late, 1.0), np.append(c, d), 0.0, whole
-
-
-def _canonical(system: ContinuousSystem, step: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return A * step (n, n), B * step (n,), C (n,) and D in time units of `step`."""
-    order = system.poles.size
+    order, step = system.poles.size, 1.0 / rate_hz
     denominator = np.atleast_1d(np.real(np.poly(system.poles * step)))
     numerator = np.zeros(order + 1)
     scaled = np.real(np.poly(system.zeros * step)) * step ** float(order - system.zeros.size)
     numerator[order - system.zeros.size :] = system.gain * scaled
-    direct = float(numerator[0])
+    d = float(numerator[0])
+    c = (numerator[1:] - d * denominator[1:])[::-1]
     a, b = np.eye(order, k=1), np.zeros(order)
     a[-1:], b[-1:] = -denominator[:0:-1], 1.0
-    return a, b, (numerator[1:] - direct * denominator[1:])[::-1], direct
+    ad, bd = held_matrices(a, b, 1.0)
+    if fraction <= _WHOLE:
+        return ad, bd, c, d, whole
+    late = late_input(a, b, 1.0, fraction)
+    held = np.zeros((order + 1, order + 1))
+    held[:order, :order], held[:order, order] = ad, late
+    return held, np.append(bd - late, 1.0), np.append(c, d), 0.0, whole
 
 
 def _held(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
@@ -133,9 +126,8 @@ def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexAr
     mass = np.zeros_like(system)
     mass[:order, :order] = np.eye(order)
     alpha, beta = scipy.linalg.eig(system, mass, right=False, homogeneous_eigvals=True)
-    expected = order if d != 0.0 else order - 1
     nearness = np.abs(beta) / np.hypot(np.abs(alpha), np.abs(beta))
-    nearest = np.argsort(-nearness)[:expected]
+    nearest = np.argsort(-nearness)[: order - int(d == 0.0)]
     finite = nearest[nearness[nearest] > np.finfo(np.float64).eps]
     roots = alpha[finite] / beta[finite]
     return np.asarray(1.0 + np.where(np.abs(roots.imag) < 1e-13, roots.real, roots), dtype=np.complex128)

@@ -152,13 +152,6 @@ LIGHT_DAMPING = 0.5
 _MODES_MAX = 3
 
 
-def modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
-    """Return (natural frequency in rad/s, damping) of the plant's lightly damped pole pairs, the slowest first."""
-    pairs = plant.poles[plant.poles.imag > 0.0]
-    damped = [(float(abs(pole)), float(-pole.real / abs(pole))) for pole in pairs]
-    return sorted(pair for pair in damped if pair[1] < LIGHT_DAMPING)[:_MODES_MAX]
-
-
 def slow_pair(plant: ContinuousSystem) -> tuple[float, float]:
     """Return natural frequency (rad/s, at least 2 pi) and damping (0.01 to 3.9) of the plant's two slowest poles;
     10 Hz and 1 where it has fewer."""
@@ -167,3 +160,12 @@ def slow_pair(plant: ContinuousSystem) -> tuple[float, float]:
         return 2.0 * np.pi * 10.0, 1.0
     natural = max(float(np.sqrt(np.abs(np.prod(slow)))), 2.0 * np.pi)
     return natural, float(np.clip(np.abs(np.sum(slow).real) / 2.0 / natural, 0.01, 3.9))
+
+
+def other_modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
+    """Return (natural frequency in rad/s, damping) of the plant's lightly damped pole pairs, the slowest first, without
+    its slowest pair (within 20 %)."""
+    pairs = plant.poles[plant.poles.imag > 0.0]
+    damped = [(float(abs(pole)), float(-pole.real / abs(pole))) for pole in pairs]
+    modes = sorted(pair for pair in damped if pair[1] < LIGHT_DAMPING)[:_MODES_MAX]
+    return [mode for mode in modes if abs(mode[0] / slow_pair(plant)[0] - 1.0) > 0.2]

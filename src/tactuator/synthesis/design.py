@@ -28,11 +28,11 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
 from tactuator.synthesis.family import Member, plant_family
+from tactuator.synthesis.limits import Task
 from tactuator.synthesis.loop_synthesis import diagnosis, require_consistent, synthesise
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
 from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tactuator.synthesis.strength import fit_strength
-from tactuator.synthesis.task import Task
 from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
 _SERVES, _GOOD = 0.75, 1.95
@@ -71,25 +71,20 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
 
 
 def first_alike(display: Display, channel: Channel) -> Channel | None:
-    """Return the first channel before `channel` whose loop is near that channel's: synthesised to the same requirements
-    for as many loads and models, with roots of the plant that differ by less than _ALIKE.
+    """Return the first channel before `channel` with the same requirements of its loop, as many loads and models, and
+    roots of the plant that differ by less than _ALIKE; None where there is none.
     """
-    for other in takewhile(lambda other: other.name != channel.name, display.channels):
-        same = channel.feedback == other.feedback and channel.feedback.structure == "integrator-lead-lag"
-        counts = [(len(each.loads), len(each.family)) for each in (channel, other)]
-        pairs = [
-            (np.sort_complex(mine), np.sort_complex(theirs))
-            for mine, theirs in zip(
-                (channel.plant.zeros, channel.plant.poles), (other.plant.zeros, other.plant.poles), strict=True
-            )
-        ]
-        if same and counts[0] == counts[1] and all(_are_near(*pair) for pair in pairs):
-            return other
-    return None
 
+    def asked(of: Channel) -> tuple[object, ...]:
+        return of.feedback, len(of.loads), len(of.family), of.plant.zeros.size, of.plant.poles.size
 
-def _are_near(roots: ComplexArray, others: ComplexArray) -> bool:
-    return roots.shape == others.shape and bool(np.all(np.abs(roots - others) <= _ALIKE * np.abs(others)))
+    def is_near(other: Channel) -> bool:
+        both = (np.append(np.sort_complex(of.plant.zeros), np.sort_complex(of.plant.poles)) for of in (channel, other))
+        own, theirs = both
+        return bool(np.all(np.abs(own - theirs) <= _ALIKE * np.abs(theirs)))
+
+    before = takewhile(lambda other: other.name != channel.name, display.channels)
+    return next((other for other in before if asked(other) == asked(channel) and is_near(other)), None)
 
 
 def design_channel(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,7 @@ def _gain(control: Any, system: Any, zeros: Any, poles: Any) -> float:
 
 
 _NYQUIST = 1e-7
+"""Distance from z = -1 within which a root lies there: what a zero of high multiplicity loses to rounding."""
 
 
 def continuous_form(system: SampledSystem) -> ContinuousSystem:
@@ -112,15 +114,9 @@ def continuous_form(system: SampledSystem) -> ContinuousSystem:
     """
     twice = 2.0 * system.rate_hz
     zeros, poles = (roots[np.abs(roots + 1.0) > _NYQUIST] for roots in (system.zeros, system.poles))
-    infinite = (system.zeros.size - zeros.size) - (system.poles.size - poles.size)
-    ratio = np.prod(zeros + 1.0) / np.prod(poles + 1.0)
-    # z - r = ((1 + r) / (twice - s)) (s - s_r): every finite root brings (1 + r), every pole left over (twice - s)
-    gain = system.gain * float(np.real(ratio))
-    missing = zeros.size - poles.size + infinite
-    gain *= (2.0 * twice) ** infinite
-    s_zeros = twice * (zeros - 1.0) / (zeros + 1.0)
-    s_poles = twice * (poles - 1.0) / (poles + 1.0)
-    more = max(0, -missing)
-    s_zeros = np.concatenate([s_zeros, np.full(more, twice, dtype=np.complex128)])
-    s_poles = np.concatenate([s_poles, np.full(max(0, missing), twice, dtype=np.complex128)])
-    return ContinuousSystem(s_zeros, s_poles, gain * (-1.0) ** missing)
+    missing = np.full(system.poles.size - system.zeros.size, twice)  # zeros at infinity of z
+    s_zeros = np.append(twice * (zeros - 1.0) / (zeros + 1.0), missing)
+    shape = ContinuousSystem(s_zeros, twice * (poles - 1.0) / (poles + 1.0), 1.0)
+    # a quarter of the rate, z = j, is s = 2j rate
+    gain = replace(system, delay_samples=0).response(0.25 * system.rate_hz) / shape.response(twice / (2.0 * np.pi))
+    return replace(shape, gain=float(np.real(gain)))

@@ -1,4 +1,4 @@
-"""Limits of a loop: what a display's requirements ask of it, each an object that tells how far off a figure is.
+"""Limits of a loop, each an object that tells how far off a figure is, and the task that they make with plants.
 
 Limits differ in unit. To compare them, how far off a figure is has a common scale: dB beyond the limit, where five
 degrees of phase count as one.
@@ -6,7 +6,7 @@ degrees of phase count as one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.model.requirements import FeedbackRequirements
+from tactuator.synthesis.family import Member, bears_any_lower_gain
 
 Quantity = Literal[
     "|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak", "least_gain"
@@ -120,3 +121,35 @@ def loop_limits(
         *(Limit("|S|", level_db, frequency) for frequency, level_db in rejection),
         *(Limit(quantity, asked) for quantity, asked in whole.items() if asked is not None),
     )
+
+
+@dataclass(frozen=True)
+class Task:
+    """Task of a synthesis: the family of plants, what the loop must keep on each of them (with a limit on max|T|), the
+    band over which the mean |S| in dB is to be least, and the rate.
+    """
+
+    family: tuple[Member, ...]
+    limits: tuple[Limit, ...]
+    rejection_band_hz: tuple[float, float]
+    rate_hz: float
+
+    @classmethod
+    def of(
+        cls, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
+    ) -> Task:
+        """Return the task of a display's [feedback] and its resonance objective."""
+        limits = loop_limits(requirements, resonance_peak, bears_any_lower_gain(family))
+        return cls(tuple(family), limits, requirements.rejection_band_hz, rate_hz)
+
+    @property
+    def must_bear_less(self) -> bool:
+        """Tell whether a loop has to be stable at every lower gain."""
+        return not all(limit.gives_way for limit in self.limits)
+
+    def limits_at(self, share: float) -> tuple[Limit, ...]:
+        """Return the limits with 1 - share of the resonance objective in reserve."""
+        return tuple(
+            replace(limit, asked=1.0 + share * (limit.asked - 1.0)) if limit.quantity == "resonance_peak" else limit
+            for limit in self.limits
+        )

@@ -25,7 +25,7 @@ from tactuator.model.description import Channel
 from tactuator.signals.loop import UnstableLoop
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.assessment import MemberAssessment, all_kept, assess
-from tactuator.synthesis.limits import Limit
+from tactuator.synthesis.limits import Limit, Task
 from tactuator.synthesis.problem import (
     LoopProblem,
     Solution,
@@ -38,7 +38,6 @@ from tactuator.synthesis.problem import (
     starts,
     starts_below_modes,
 )
-from tactuator.synthesis.task import Task
 
 _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
 _RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
@@ -66,13 +65,14 @@ def synthesise(task: Task, near: SampledSystem | None = None) -> Iterator[Candid
         settled = None if solution is None else _settle(problem, carried_on(problem, solution))
         if settled is not None:
             yield settled
-    optima = _improved(task)
-    best = next(optima, None)
-    if best is not None:
-        yield best
-        yield from optima
-    else:
-        yield from _hopped(task)
+    for begin, share in product((starts, starts_below_modes), _RESONANCE_SHARES):
+        optima = _settled(problem_of(task, share), begin)
+        best = next(optima, None)
+        if best is not None:
+            yield best
+            yield from optima
+            return
+    yield from _hopped(task)
 
 
 def is_possible(task: Task) -> bool:
@@ -87,26 +87,6 @@ def judged(task: Task, feedback: SampledSystem) -> tuple[MemberAssessment, ...]:
         return assess(feedback, task.family, task.rejection_band_hz)
     except UnstableLoop:
         return ()
-
-
-def _candidate(assessments: Sequence[MemberAssessment]) -> Candidate:
-    feedback = assessments[0].loop.controller
-    assert isinstance(feedback, SampledSystem)
-    return max(assessment.mean_rejection_db for assessment in assessments), feedback
-
-
-_mean_db = itemgetter(0)
-
-
-def _improved(task: Task) -> Iterator[Candidate]:
-    """Yield local optima that keep every requirement, all different, the best first."""
-    for begin, share in product((starts, starts_below_modes), _RESONANCE_SHARES):
-        optima = _settled(problem_of(task, share), begin)
-        best = next(optima, None)
-        if best is not None:
-            yield best
-            yield from optima
-            return
 
 
 def _settled(problem: LoopProblem, begin: Callable[[LoopProblem], Sequence[FloatArray]]) -> Iterator[Candidate]:
@@ -127,7 +107,7 @@ def _settled(problem: LoopProblem, begin: Callable[[LoopProblem], Sequence[Float
         settled = _settle(problem, solution)
         if settled is not None:
             means.append(solution.mean_db)
-            ready = sorted([*ready, settled], key=_mean_db)
+            ready = sorted([*ready, settled], key=itemgetter(0))
     yield from ready
 
 
@@ -164,11 +144,12 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
     stays = np.array([not limit.gives_way for limit in problem.limits])
     settled: Candidate | None = None
     for reserve_db in _RESERVES_DB:
-        assessments = judged(problem.task, problem.structure.system(solution.parameters))
+        feedback = problem.structure.system(solution.parameters)
+        assessments = judged(problem.task, feedback)
         if not assessments:
             break
         if all_kept(assessments, problem.loop_limits):
-            candidate = _candidate(assessments)
+            candidate = max(assessment.mean_rejection_db for assessment in assessments), feedback
             if settled is not None or reserve_db > _RESERVES_DB[0]:
                 return candidate if settled is None or candidate[0] < settled[0] - _AGAIN_DB else settled
             settled = candidate

@@ -223,11 +223,9 @@ def _from_covariance(
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
     spread = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = theta + (rng.standard_normal((count, theta.size)) @ spread.T) * unit
-    above, below = np.zeros((count, s.size), dtype=np.complex128), np.ones((count, s.size), dtype=np.complex128)
-    for column in range(num.size):
-        above = above * s + drawn[:, column, None]
-    for column in range(num.size, theta.size - 1):
-        below = below * s + drawn[:, column, None]
+    columns = drawn.T[:, :, None]
+    above = np.polyval(columns[: num.size], s)
+    below = np.polyval(np.concatenate([np.ones((1, count, 1)), columns[num.size : -1]]), s)
     late = np.exp(-s * np.maximum(drawn[:, -1:], 0.0))
     return np.asarray(above / below * late, dtype=np.complex128), drawn[:, :1]
 

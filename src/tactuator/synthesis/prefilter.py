@@ -129,10 +129,16 @@ def prefilter_goal(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> Mag
     return MagnitudeGoal(frequency, level, allowance, above, ceiling_db, np.asarray(np.max(floors, axis=0)), falls)
 
 
+def band_grid_hz(channel: Channel, count: int) -> FloatArray:
+    """Return `count` frequencies of the band, even in log frequency, and those of the curve's points."""
+    (low, high), points = channel.threshold.band_hz, channel.threshold.curve.frequency_hz
+    return np.unique(np.append(np.geomspace(low, high, count), points[(points >= low) & (points <= high)]))
+
+
 def _design_grid_hz(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> FloatArray:
     """Return frequencies of the band: even in log frequency, the curve's own, and dense around lightly damped roots."""
     low, high = channel.threshold.band_hz
-    parts = [np.geomspace(low, high, 200), channel.threshold.curve.frequency_hz]
+    parts = [band_grid_hz(channel, 200)]
     for system in (loop.plant, *([] if loop.controller is None else [loop.controller])):
         roots = np.append(system.poles, system.zeros)
         s = np.log(roots[np.abs(roots) > 1e-3]) * rate_hz
@@ -155,9 +161,7 @@ def _fit(
     raised_db: Callable[[FloatArray], FloatArray],
 ) -> PrefilterFit:
     sections = cascade(fit_magnitude(goal, rate_hz, poles))
-    low, high = channel.threshold.band_hz
-    points = channel.threshold.curve.frequency_hz
-    judged = np.unique(np.concatenate([np.geomspace(low, high, 1200), points[(points >= low) & (points <= high)]]))
+    judged = band_grid_hz(channel, 1200)
     wanted = channel.prefilter_voltage(judged) / np.abs(loop.moved_response(judged))
     error = db(np.abs(sections_response(sections, judged, rate_hz)) / wanted)
     above = error - raised_db(judged)

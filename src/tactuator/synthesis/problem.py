@@ -31,7 +31,7 @@ import scipy
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.loop import FeedbackLoop
 from tactuator.signals.loop_figures import LoopFigures, least_gain
-from tactuator.signals.systems import ContinuousSystem, SampledSystem, backward_difference
+from tactuator.signals.systems import SampledSystem, backward_difference
 from tactuator.synthesis.assessment import quadrature
 from tactuator.synthesis.candidates import (
     COUNT,
@@ -41,12 +41,11 @@ from tactuator.synthesis.candidates import (
     POLES,
     ZERO_DAMPINGS,
     LoopStructure,
-    modes,
+    other_modes,
     slow_pair,
 )
 from tactuator.synthesis.family import Member
-from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Quantity
-from tactuator.synthesis.task import Task
+from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Task
 
 _SHARPNESS = 300.0
 _KEPT = 8
@@ -88,23 +87,16 @@ class LoopProblem:
         peaks = np.unique(np.concatenate([*spread, *_around_modes_hz(task.family), peaks_hz]))
         peaks = peaks[(peaks > 0.0) & (peaks <= 0.49 * task.rate_hz)]
         noise, self._noise_weight = quadrature(task.rate_hz, panels=9, nodes=9)
-        (mains, self._mains_db), (rejection, self._rejection_db) = self._lines("|T|"), self._lines("|S|")
-        parts = [band, peaks, mains, rejection, noise]
-        edges = np.cumsum([0, *(part.size for part in parts)])
-        self._band, self._peaks, self._mains, self._rejection, self._noise = (
-            slice(a, b) for a, b in pairwise(edges.tolist())
-        )
+        lines = {limit: np.array([limit.frequency_hz]) for limit in self.loop_limits if limit.frequency_hz is not None}
+        parts = [band, peaks, noise, *lines.values()]
+        edges = np.cumsum([0, *(part.size for part in parts)]).tolist()
+        self._band, self._peaks, self._noise, *places = (slice(a, b) for a, b in pairwise(edges))
+        self._lines = dict(zip(lines, places, strict=True))
         self._band_weight = 0.5 * weights
         grid = np.concatenate(parts)
         z = np.exp(2j * np.pi * grid / task.rate_hz)
         self._difference = backward_difference(grid, task.rate_hz) * z
         self._plants = np.array([member.sampled.response(grid) for member in task.family])
-
-    def _lines(self, quantity: Quantity) -> tuple[FloatArray, FloatArray]:
-        """Return the frequencies at which a quantity is limited, and the limits, dB."""
-        lines = [(limit.frequency_hz, limit.asked) for limit in self.loop_limits if limit.quantity == quantity]
-        table = np.array([line for line in lines if line[0] is not None], dtype=np.float64).reshape(-1, 2)
-        return table[:, 0], table[:, 1]
 
     def at(self, parameters: FloatArray) -> Point:
         """Return the values and derivatives of everything at one parameter vector. A few of the last are kept: programs
@@ -119,16 +111,13 @@ class LoopProblem:
 
     def _point(self, parameters: FloatArray) -> Point:
         controller, slope = self.structure.response_and_slope(parameters, self._difference)
-        loops = LoopFigures(controller * self._plants)
-        rows = _Rows(slope)
-        mean = DB * (loops.log_s[:, self._band] @ self._band_weight)
-        rows.add(mean, self._band, -DB * loops.complementary[:, self._band] * self._band_weight)
-        hum_db = DB * loops.log_t[:, self._mains] - self._mains_db
-        rows.add_each(hum_db, self._mains, DB * loops.sensitivity)
-        rejection_db = DB * loops.log_s[:, self._rejection] - self._rejection_db
-        rows.add_each(rejection_db, self._rejection, -DB * loops.complementary)
-        self._add_figures(rows, loops, controller)
-        values, slopes = np.concatenate(rows.values, axis=1), np.concatenate(rows.slopes, axis=1)
+        loops, by_log = LoopFigures(controller * self._plants), np.ascontiguousarray(slope.T)
+        band = self._band
+        mean = DB * (loops.log_s[:, band] @ self._band_weight)
+        rows = [(mean, band, -DB * loops.complementary[:, band] * self._band_weight)]
+        rows += [self._excess(limit, loops, controller) for limit in self.loop_limits]
+        values = np.stack([row for row, _, _ in rows], axis=1)
+        slopes = np.stack([(weights @ by_log[place]).real for _, place, weights in rows], axis=1)
         excess = values[:, 1:].reshape(-1) + self.tighten
         return Point(values[:, 0], slopes[:, 0], excess, slopes[:, 1:].reshape(-1, COUNT))
 
@@ -136,31 +125,40 @@ class LoopProblem:
         """Return how far loops of lower gain are from stable ones, dB; zero where they need not be stable."""
         return float(np.max(self.at(parameters).excess[self._hard], initial=0.0))
 
-    def _add_figures(self, rows: _Rows, loops: LoopFigures, controller: ComplexArray) -> None:
-        at = self._peaks
-        for limit in self.loop_limits:
-            if limit.quantity == "sensitivity_peak":
-                peak, share = _smooth_maximum(loops.log_s[:, at])
-                rows.add(DB * (peak - math.log(limit.asked)), at, -DB * loops.complementary[:, at] * share)
-            elif limit.quantity == "resonance_peak":
-                peak, share = _smooth_maximum(loops.log_t[:, at])
-                rows.add(DB * (peak - math.log(limit.asked)), at, DB * loops.sensitivity[:, at] * share)
-            elif limit.quantity == "phase_margin_deg":
+    def _excess(
+        self, limit: Limit, loops: LoopFigures, controller: ComplexArray
+    ) -> tuple[FloatArray, slice, ComplexArray]:
+        """Return the excess of every member, (m,), a place in the grid, and weights w there, (m, size), with which the
+        excess follows log C: Re(sum w dlogC)."""
+        at = self._lines.get(limit, self._noise if limit.quantity == "command_noise_gain_max" else self._peaks)
+        sensitivity, complementary = loops.sensitivity[:, at], loops.complementary[:, at]
+        match limit.quantity:
+            case "|T|" | "resonance_peak":
+                level, share = _smooth_maximum(loops.log_t[:, at])
+                return _level_excess_db(limit, level), at, DB * sensitivity * share
+            case "|S|" | "sensitivity_peak":
+                level, share = _smooth_maximum(loops.log_s[:, at])
+                return _level_excess_db(limit, level), at, -DB * complementary * share
+            case "phase_margin_deg":
                 margin, weights = loops.phase_margin_deg(at)
-                rows.add(limit.excess_db(margin), at, -weights / DEGREES_PER_DB)
-            elif limit.quantity == "command_noise_gain_max":
-                sensitivity = loops.sensitivity[:, self._noise]
-                power = self._noise_weight * np.abs(controller[self._noise] * sensitivity) ** 2
+                return limit.excess_db(margin), at, -weights / DEGREES_PER_DB
+            case "command_noise_gain_max":
+                power = self._noise_weight * np.abs(controller[at] * sensitivity) ** 2
                 total = power.sum(axis=1)
-                values = 0.5 * DB * np.log(total) - DB * math.log(limit.asked)
-                rows.add(values, self._noise, DB * sensitivity * power / total[:, None])
-            elif limit.quantity == "least_gain":
-                angle = np.angle(loops.sensitivity[:, at])
+                excess = 0.5 * DB * np.log(total) - DB * math.log(limit.asked)
+                return excess, at, DB * sensitivity * power / total[:, None]
+            case "least_gain":
+                angle = np.angle(sensitivity)
                 if np.abs(angle[:, 1:] - angle[:, :-1]).max() >= np.pi:
                     angle = np.unwrap(angle[:, ::-1], axis=1)[:, ::-1]
-                peak, share = _smooth_maximum(np.abs(angle))
-                weights = 1j * loops.complementary[:, at] * np.sign(angle) * share
-                rows.add(np.degrees(peak - _MOST_TURN) / DEGREES_PER_DB, at, np.degrees(1.0) / DEGREES_PER_DB * weights)
+                most, share = _smooth_maximum(np.abs(angle))
+                weights = 1j * complementary * np.sign(angle) * share
+                return np.degrees(most - _MOST_TURN) / DEGREES_PER_DB, at, np.degrees(1.0) / DEGREES_PER_DB * weights
+
+
+def _level_excess_db(limit: Limit, level: FloatArray) -> FloatArray:
+    """Return by how much levels, logarithms of a ratio, pass a limit in dB or of a ratio."""
+    return DB * level - limit.asked if limit.unit == "dB" else DB * (level - math.log(limit.asked))
 
 
 def _around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
@@ -177,25 +175,6 @@ def _around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
 def problem_of(task: Task, share: float = 1.0) -> LoopProblem:
     """Return the problem before anything tightens it: what was solved once is known by whoever asks again."""
     return LoopProblem(task, share)
-
-
-class _Rows:
-    """Values of every member, (m, k), and derivatives, (m, k, COUNT): Re(sum w dlogC) for weights w on the grid."""
-
-    def __init__(self, slope: ComplexArray) -> None:
-        self._slope = np.ascontiguousarray(slope.T)
-        self.values: list[FloatArray] = []
-        self.slopes: list[FloatArray] = []
-
-    def add(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
-        """Add one row: values (m,), weights at `place`, (m, size)."""
-        self.values.append(values[:, None])
-        self.slopes.append((weights @ self._slope[place]).real[:, None])
-
-    def add_each(self, values: FloatArray, place: slice, weights: ComplexArray) -> None:
-        """Add a row for every point of `place`: values (m, size); weights on the whole grid, (m, g)."""
-        self.values.append(values)
-        self.slopes.append((weights[:, place, None] * self._slope[place]).real)
 
 
 def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -336,20 +315,12 @@ def bounds(task: Task) -> tuple[FloatArray, FloatArray]:
     frequencies, zeros, poles = list(FREQUENCIES), list(ZERO_DAMPINGS), list(POLE_DAMPINGS)
     low[frequencies], high[frequencies] = np.log(to_radians * _SLOWEST_ZERO_HZ), np.log(2.0 * np.pi * 0.45)
     low[list(POLES)] = np.log(to_radians * _SLOWEST_POLE_HZ)
-    softest = min(_ZERO_DAMPING[0], 0.6 * max(_resonance(task.family[0].continuous)[1], 1e-3))
+    own = task.family[0].continuous.poles
+    own = own[own.imag > 0.0]
+    softest = min(_ZERO_DAMPING[0], 0.6 * max(float(np.min(-own.real / np.abs(own), initial=1.0)), 1e-3))
     low[zeros], high[zeros] = np.log(softest), np.log(_ZERO_DAMPING[1])
     low[poles], high[poles] = np.log(_POLE_DAMPING[0]), np.log(_POLE_DAMPING[1])
     return low, high
-
-
-def _resonance(plant: ContinuousSystem) -> tuple[float, float]:
-    """Return the natural frequency (rad/s) and damping of the plant's softest pole pair; (0, 1) if it has none."""
-    pairs = plant.poles[plant.poles.imag > 0.0]
-    if pairs.size == 0:
-        return 0.0, 1.0
-    damping = -pairs.real / np.abs(pairs)
-    softest = int(np.argmin(damping))
-    return float(np.abs(pairs[softest])), float(damping[softest])
 
 
 _LIGHT, _HEAVY = (1.0, 0.25, 2.0), (2.0, 0.5, 4.0)
@@ -370,7 +341,7 @@ def starts(problem: LoopProblem) -> list[FloatArray]:
     no mode gets one more, the first: its single pole is as slow as allowed, with zeros around the crossover."""
     nominal, rate_hz = problem.task.family[0].continuous, problem.task.rate_hz
     slow, damping = slow_pair(nominal)
-    others = _other_modes(nominal)
+    others = other_modes(nominal)
     integrates = not others and bool(np.any(nominal.poles == 0.0))
     beginnings = []
     for index, (share, (lag_hz, lag_share, lag_damping)) in enumerate(_STARTS[3:4] * integrates + _STARTS):
@@ -399,18 +370,12 @@ def starts_below_modes(problem: LoopProblem) -> list[FloatArray]:
     nominal, rate_hz = problem.task.family[0].continuous, problem.task.rate_hz
     slow, damping = slow_pair(nominal)
     beginnings = []
-    for natural, softness in _other_modes(nominal):
+    for natural, softness in other_modes(nominal):
         mode = natural / rate_hz
         pole = min(_ROLL_OFF * mode, _FAR)
         values = [slow / rate_hz, damping, pole, _FAR, 1.0, pole, 0.9, mode, max(softness, 1e-3), pole, 0.9]
         beginnings += [_with_gain(problem, values, share * natural / (2.0 * np.pi)) for share in _BELOW_MODE]
     return beginnings
-
-
-def _other_modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
-    """Return the modes that are not the plant's slowest pair (within 20 %)."""
-    slow, _ = slow_pair(plant)
-    return [mode for mode in modes(plant) if abs(mode[0] / slow - 1.0) > 0.2]
 
 
 def _with_gain(problem: LoopProblem, values: Sequence[float], crossover_hz: float) -> FloatArray:

@@ -113,11 +113,6 @@ def push_responses(model: FeedForward, loop: TwoDegreeLoop, frequency_hz: FloatA
     return np.array([mass * s**2 * moved, (damping * s + stiffness) * moved])
 
 
-def _shares(model: FeedForward) -> FloatArray:
-    """Return the shares of the two pushes that are fed forward, (2,)."""
-    return np.array([model.mass_fed, 1.0])
-
-
 def load_weights(model: FeedForward, load: Load) -> FloatArray:
     """Return the weights, (2,), of the designed finger's mass and of its damping with stiffness that are nearest to a
     load, within what is allowed; nearest at frequencies where the damping is felt, not the stiffness.
@@ -133,7 +128,8 @@ def fed_push(
     """Return what is fed forward under a load once its weights are found, at `frequency_hz` (n,): volts of command for
     a threshold unit, as early as the model knows it. free: the loop that the model knows.
     """
-    push = np.tensordot(_shares(model) * load_weights(model, load), push_responses(model, free, frequency_hz), 1)
+    shares = load_weights(model, load) * [model.mass_fed, 1.0]
+    push = np.tensordot(shares, push_responses(model, free, frequency_hz), 1)
     advance = np.exp(2j * np.pi * frequency_hz * (model.delay_samples + 0.5) / rate_hz)
     return np.asarray(push * advance)
 
@@ -185,6 +181,6 @@ def push_bound_v(model: FeedForward, loop: TwoDegreeLoop, display: Display) -> f
     count = 1 << int(np.ceil(np.log2(_TAIL_S * display.rate_hz)))
     frequency = np.asarray(np.fft.rfftfreq(count, 1.0 / display.rate_hz), dtype=np.float64)
     frequency[0] = 1e-3 * frequency[1]
-    response = np.tensordot(_shares(model), push_responses(model, loop, frequency), 1)
+    response = np.tensordot([model.mass_fed, 1.0], push_responses(model, loop, frequency), 1)
     response[0] = response[0].real
     return float(np.sum(np.abs(np.fft.irfft(response, count))))

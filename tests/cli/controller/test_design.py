@@ -15,7 +15,7 @@ from tactuator.errors import BadInput
 from tactuator.io.controller import parse_controller, read_controller
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Outcome
-from tactuator.synthesis.verdict import whole_verdict
+from tactuator.synthesis.objectives import whole_verdict
 from tactuator.wordlength.float32_check import built
 from tests.synthesis.displays import paper_controller, three_finger_controller
 

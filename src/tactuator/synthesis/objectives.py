@@ -43,7 +43,7 @@ from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db, steps_change_db
 from tactuator.synthesis.monte_carlo import DrawnPlants
-from tactuator.synthesis.prefilter import response_error_db
+from tactuator.synthesis.prefilter import band_grid_hz, response_error_db
 from tactuator.synthesis.strength import JUDGED_DB_SL, furthest, shaping_error_db
 from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.float32_check import buildable
@@ -149,7 +149,7 @@ class _Judge:
         """Judge objective i, with what the plant's magnitude may be off, over the frequencies where the plant is known;
         under a load, where feedback cannot help above its bandwidth, the figure is for information only.
         """
-        frequency = _band(self.channel)
+        frequency = band_grid_hz(self.channel, _POINTS)
         frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
             return self.open("i", FELT_MINUS_ASKED, self.channel.known_words)
@@ -181,7 +181,7 @@ class _Judge:
         and the contour of another level, and say from which level up it holds.
         """
         channel, asked, allowed = self.channel, self.display.objectives, self.display.objectives.flatness_db
-        frequency = _band(channel)[:: _POINTS // 200]
+        frequency = band_grid_hz(channel, _POINTS)[:: _POINTS // 200]
         frequency = frequency[channel.is_known(frequency)]
         if frequency.size == 0:
             return
@@ -316,7 +316,7 @@ class _Judge:
         """Judge objective iv; the worst change over the band is told beside it. A controller that feeds forward for a
         finger is judged over the whole band, with the weights that it finds.
         """
-        asked, frequency = self.display.objectives, _band(self.channel)
+        asked, frequency = self.display.objectives, band_grid_hz(self.channel, _POINTS)
         fed = self._fed(frequency)
         response = self.loop.moved_response(frequency) if fed is None else fed
         change = db(np.abs(response) / np.abs(self.free.moved_response(frequency)))
@@ -387,12 +387,6 @@ def _unsure(finding: Finding, channel: Channel) -> Finding:
 
 def _open(finding: Finding, why: str) -> Finding:
     return replace(finding, outcome=Outcome.NOT_JUDGED, remark=why)
-
-
-def _band(channel: Channel) -> FloatArray:
-    low, high = channel.threshold.band_hz
-    points = channel.threshold.curve.frequency_hz
-    return np.unique(np.append(np.geomspace(low, high, _POINTS), points[(points >= low) & (points <= high)]))
 
 
 def _guessed(channel: Channel, frequency_hz: float) -> list[str]:

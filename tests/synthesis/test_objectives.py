@@ -18,7 +18,7 @@ from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_noise_rms_v
-from tactuator.synthesis.verdict import AT_LOWEST, judge
+from tactuator.synthesis.objectives import AT_LOWEST, judge
 from tests.synthesis import displays
 from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
