@@ -102,11 +102,11 @@ def held_state_space(system: ContinuousSystem, rate_hz: float) -> tuple[FloatArr
 
 
 def _held(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
-    """Return the poles exp(p T), 0 for a fraction of a sample of dead time, and the zeros of the held state space."""
+    """Return the poles exp(p T), 0 for a fraction of a sample, and the zeros of the held state space."""
     ad, bd, c, d, late = held_state_space(system, rate_hz)
     poles = np.append(np.exp(system.poles / rate_hz), np.zeros(bd.size - system.poles.size))
     zeros = _zeros(ad, bd, c, d)
-    after = poles.size - zeros.size  # the first sample of the impulse response that is not zero is the gain
+    after = poles.size - zeros.size  # the gain is the first sample of the impulse response that is not zero
     gain = d if after == 0 else float(c @ np.linalg.matrix_power(ad, after - 1) @ bd)
     return SampledSystem(zeros, poles, gain, rate_hz, late)
 
@@ -115,8 +115,7 @@ def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexAr
     """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1. One so
     far away that no double tells it from infinity is none.
     """
-    order = ad.shape[0]
-    system = np.zeros((order + 1, order + 1))
+    order, system = bd.size, np.zeros((bd.size + 1, bd.size + 1))
     system[:order, :order] = ad - np.eye(order)
     scale = np.linalg.norm(bd) or 1.0
     system[:order, order] = bd / scale
@@ -139,8 +138,8 @@ def _bilinear(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
         raise BadInput(f"dead time is {delay:g} samples; allowed for a bilinear transform: a whole number of them")
     if np.any(system.poles == twice) or np.any(system.zeros == twice):
         raise BadInput(f"a root lies at s = {twice:g} rad/s, twice the rate", "any other place")
-    zeros = (twice + system.zeros) / (twice - system.zeros)
+    nyquist = -np.ones(system.poles.size - system.zeros.size)
+    zeros = np.append((twice + system.zeros) / (twice - system.zeros), nyquist)
     poles = (twice + system.poles) / (twice - system.poles)
     gain = system.gain * np.real(np.prod(twice - system.zeros) / np.prod(twice - system.poles))
-    nyquist = -np.ones(system.poles.size - system.zeros.size)
-    return SampledSystem(np.append(zeros, nyquist), poles, float(gain), rate_hz, round(delay))
+    return SampledSystem(zeros, poles, float(gain), rate_hz, round(delay))
