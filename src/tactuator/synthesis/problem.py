@@ -158,7 +158,7 @@ class LoopProblem:
 
 def _level_excess_db(limit: Limit, level: FloatArray) -> FloatArray:
     """Return by how much levels, logarithms of a ratio, pass a limit in dB or of a ratio."""
-    return DB * level - limit.asked if limit.unit == "dB" else DB * (level - math.log(limit.asked))
+    return np.asarray(DB * level - limit.asked if limit.unit == "dB" else DB * (level - math.log(limit.asked)))
 
 
 def _around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
