@@ -341,3 +341,15 @@ def test_render__clip__ends_with_1_where_more_is_lost_than_allowed(tmp_path, lra
     assert lost["shortfall_db_sl"] > 3.0
     assert (tmp_path / "f" / "knock.svg").exists()
     run.refused(*asked, "--coding", "bands", said="--coding with")
+
+
+def test_haptic__impulse_of_no_length__is_told(controller, tmp_path):
+    points = [(0.0, 0.2), (0.5, 0.2), (0.5, 1.0), (0.5, 0.2), (1.0, 0.2)]
+    envelope = [{"time": time_s, "amplitude": amplitude} for time_s, amplitude in points]
+    document = {"version": {"major": 1}, "signals": {"continuous": {"envelopes": {"amplitude": envelope}}}}
+    path = tmp_path / "a.haptic"
+    path.write_text(json.dumps(document))
+    assert "not rendered: an impulse of no length at 0.5 s" in clip_signal(read_clip(path), controller, 30.0).notes
+    envelope[3]["time"] = 0.51
+    path.write_text(json.dumps(document))
+    assert clip_signal(read_clip(path), controller, 30.0).notes == ()

@@ -230,3 +230,13 @@ def test_dask__scheduler_killed__is_told_in_one_line_and_gone_on_with_later(job,
             process.kill()
             process.wait()
     assert len(kept(render_folder(speech, tmp_path / "out", job, Here()))) >= 1
+
+
+def test_find_items__folders_linked_to_each_other__are_walked_once_each_way(tmp_path, job):
+    for name in ("a", "b"):
+        (tmp_path / "words" / name).mkdir(parents=True)
+        (tmp_path / "words" / name / "x.haptic").write_text("{}")
+    (tmp_path / "words" / "a" / "to").symlink_to(tmp_path / "words" / "b")
+    (tmp_path / "words" / "b" / "to").symlink_to(tmp_path / "words" / "a")
+    items, _ = find_items(tmp_path / "words", tmp_path / "out")
+    assert [item.source for item in items] == ["a/to/x.haptic", "a/x.haptic", "b/to/x.haptic", "b/x.haptic"]

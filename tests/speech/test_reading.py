@@ -80,3 +80,66 @@ def test_sample__shipped_file__is_what_the_script_makes():
     assert rate == RATE_HZ
     assert 2.0 <= len(synthesised) / rate <= 3.0
     np.testing.assert_allclose(shipped, synthesised, atol=2.0 / 32768)
+
+
+def test_scan_speech__channels_that_cancel__said_with_how_much_is_lost(write_sound):
+    hiss = 0.005 * np.random.default_rng(4).standard_normal(16000)
+    reversed_ = write_sound(np.stack([tone(), hiss - tone()], axis=1), subtype="PCM_24")
+    assert "the channels cancel: their mean is 4" in scan_speech(reversed_).notes[1]
+    alike = write_sound(np.stack([tone(), 0.7 * tone(1.0)], axis=1), subtype="PCM_24")
+    assert len(scan_speech(alike).notes) == 1
+
+
+@pytest.mark.parametrize("subtype", ["PCM_16", "FLOAT", "PCM_U8"])
+@pytest.mark.parametrize(("gain", "clips"), [(0.9, False), (2.5, True)])
+def test_scan_speech__clipped__said(write_sound, subtype, gain, clips):
+    notes = scan_speech(write_sound(np.clip(gain * 2.0 * tone(frequency_hz=211.0), -0.97, 0.97), subtype=subtype)).notes
+    assert any("clipping is likely" in note for note in notes) is clips
+
+
+def streamed(path, length):
+    """A WAV whose writer did not know the length."""
+    content = bytearray(path.read_bytes())
+    at = content.index(b"data") + 4
+    content[4:8] = content[at : at + 4] = length.to_bytes(4, "little")
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("length", [0, 0x7FFFFFFF, 0x7FFFFFFF - 36, 0xFFFFFFFF, 0xFFFFFFFF - 44, 0x80000000])
+@pytest.mark.parametrize("subtype", ["PCM_16", "PCM_24", "FLOAT"])
+def test_scan_speech__stream_of_unknown_length__read_to_its_end(write_sound, subtype, length):
+    whole = read(write_sound(tone(2.0), subtype=subtype, name="whole.wav"))
+    got = streamed(write_sound(tone(2.0), subtype=subtype), length)
+    assert scan_speech(got).frames == 32000
+    np.testing.assert_array_equal(read(got), whole)
+
+
+def without_index(path):
+    """An MP3 without its first frame, where the index is."""
+    content = path.read_bytes()
+    rate = (0, 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160, 0)[content[2] >> 4]
+    length = 72_000 * rate // 16000 + (content[2] >> 1 & 1)
+    assert any(index in content[:length] for index in (b"Xing", b"Info"))
+    path.write_bytes(content[length:])
+    return path
+
+
+@pytest.mark.parametrize("mode", ["VARIABLE", "AVERAGE", "CONSTANT"])
+@pytest.mark.parametrize("seconds", [1.0, 3.3, 7.0])
+def test_scan_speech__mp3_without_an_index__decoded_to_its_end(tmp_path, mode, seconds):
+    loud = np.r_[0.001 * tone(0.5 * seconds), np.random.default_rng(1).uniform(-0.5, 0.5, round(8000 * seconds))]
+    path = tmp_path / "m.mp3"
+    soundfile.write(path, loud, 16000, bitrate_mode=mode, compression_level=0.5)
+    indexed = scan_speech(path)
+    got = scan_speech(without_index(path))
+    assert abs(got.frames - indexed.frames) <= 4 * 576
+    assert len(read(path)) == got.frames
+
+
+def test_scan_speech__mp3_that_ends_early__refused_where_its_index_says_so(tmp_path):
+    path = tmp_path / "m.mp3"
+    soundfile.write(path, tone(3.0), 16000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(BadInput, match="truncated"):
+        scan_speech(path)

@@ -8,46 +8,20 @@ import soundfile
 
 from tactuator.errors import BadInput
 from tactuator.io.reference import content_sha256, open_reference
+from tactuator.speech.active_level import active_level
 from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.coding import coding_of
 from tactuator.speech.reading import sample_path
 from tactuator.speech.render import RenderJob, render_file
-from tactuator.speech.spoken import LevelMeter
 from tests.speech.rendered import render_array
 
 
 def level_of(*blocks):
-    meter = LevelMeter(4000.0)
-    for block in blocks:
-        meter.push(block)
-    return meter.level_db()
+    return active_level(lambda: iter(blocks), 4000.0).level_db
 
 
 def tone(amplitude):
     return amplitude * np.sin(2 * np.pi * 200.0 * np.arange(4000) / 4000)[:, None]
-
-
-@pytest.mark.parametrize(
-    ("blocks", "expected"),
-    [
-        ([tone(10.0)], 20.0),
-        ([tone(10.0), np.zeros((40000, 1))], 20.0),
-        ([tone(10.0), tone(1.0)], 20.0 + 10 * np.log10((1.0 + 0.1**2) / 2)),
-        ([np.concatenate([tone(1.0), tone(10.0)], axis=1)], 20.0),
-        ([np.zeros((400, 1))], -np.inf),
-    ],
-    ids=["its amplitude", "pauses do not count", "soft within 30 dB counts", "the loudest finger", "silence"],
-)
-def test_level__of_what_is_played__is_that_of_the_hand_calculation(blocks, expected):
-    assert level_of(*blocks) == pytest.approx(expected, abs=1e-9)
-
-
-def test_level__however_it_is_cut__same_and_less_than_a_frame_refused():
-    noise = np.random.default_rng(0).standard_normal((5000, 2))
-    pieces = np.split(noise, [1, 99, 100, 101, 700, 701, 3333])
-    assert level_of(*pieces) == pytest.approx(level_of(noise), abs=1e-12)
-    with pytest.raises(BadInput, match="frame"):
-        level_of(np.ones((50, 1)))
 
 
 @pytest.mark.parametrize("name", ["direct", "bands", "envelope", "yuan-2005", "bratakos-2001"])

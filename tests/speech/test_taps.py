@@ -85,7 +85,7 @@ def test_textgrid__in_either_form_with_other_tiers__has_its_phones_by_taps_names
     [
         (HEAD + tier(1, "a", (0.4, 0.5, "B"), (0.2, 0.4, "IY")), "go back"),
         (HEAD + tier(1, "a", (1e9, 2e9, "B")), "beyond 0 to 3600 s"),
-        (HEAD + tier(1, "a", (0.4, 0.5, "QQ")), "phoneme 'QQ'; expected ARPAbet: AA"),
+        (HEAD + tier(1, "a", (0.4, 0.5, "QQ")), "phoneme 'QQ'; expected ARPAbet, as of MFA"),
         (HEAD + tier(1, "a", (0.4, 0.5, "sil")), "0 phonemes"),
         (SHORT_GRID, "damaged"),
         (LONG_GRID.replace('"phones"', '"letters"'), "tiers words, letters"),
@@ -133,3 +133,38 @@ def test_verbs__alignment_and_set_of_all__are_references_that_run(tmp_path, cont
     with (tmp_path / "layout.csv").open("a") as rest:
         rest.write("24,index\n")
     assert run.json("render", "no.TextGrid", *code, "b.wav", "--layout", "layout.csv")["layout"] == [1] * 23 + [0]
+
+
+def short_form(*tiers, size=None):
+    """A TextGrid in Praat's short text form; size: stated of each tier, for its own."""
+    lines = ["0", "2", "<exists>", str(len(tiers))]
+    for name, spans in tiers:
+        lines += ['"IntervalTier"', f'"{name}"', "0", "2", str(size or len(spans))]
+        lines += [f'{begin}\n{end}\n"{label}"' for begin, end, label in spans]
+    return HEAD + "\n".join(lines) + "\n"
+
+
+PHONES = [(0, 0.5, ""), (0.5, 0.6, "HH"), (0.6, 0.75, "AH0"), (0.75, 1.0, "L"), (1.0, 1.4, "OW1"), (1.4, 2.0, "")]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        *((short_form(("phones", PHONES), size=size), "cut off or damaged") for size in (1, 2, 3, 4, 5, 7, 8, 9, 50)),
+        (short_form(("phones", PHONES), ("words", PHONES), size=5), "cut off or damaged"),
+        (short_form(("phones", PHONES), ("words", PHONES), size=7), "cut off or damaged"),
+        (short_form(("phones", PHONES), ("phones", [(0, 2, "S")])), "two tiers named 'phones'; expected a name for one"),
+        (short_form(("words", PHONES), ("words", PHONES)), "two tiers named 'words'"),
+        ("ooBinaryFile\x08TextGrid\0\0", "Praat's binary form; expected text"),
+        ('"Praat chronological TextGrid text file"\n0 2 ! Time domain.\n', "chronological form; expected text"),
+        *(
+            (short_form(("phones", [(0, 2, label)])), f"phoneme '{label}' of {which}; expected ARPAbet, as of MFA's")
+            for label, which in (("ə", "the IPA"), ("ɹ", "the IPA"), ("tʃ", "the IPA"), ("ix", "TIMIT"),
+                                 ("bcl", "TIMIT"), ("h#", "TIMIT"))
+        ),
+    ],
+)  # fmt: skip
+def test_textgrid__damaged_ambiguous_or_of_other_phones__is_refused_by_name(tmp_path, content, told):
+    (tmp_path / "a.TextGrid").write_text(content)
+    with pytest.raises(BadInput, match=told):
+        read_textgrid(tmp_path / "a.TextGrid")

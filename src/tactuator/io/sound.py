@@ -2,22 +2,102 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import soundfile
 
 from tactuator.errors import BadInput
 
-_STREAMED = (0, 0xFFFFFFFF)
-"""Lengths written by a program that did not know the length."""
+_STREAMED = 0x7FFF0000
+"""Lengths from here on, and 0, are written by a program that did not know the length: ffmpeg, sox, arecord."""
 _HEAD_BYTES, _RIFF_BYTES = 36, 12
 _FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
 _KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd", b"riff")
 _QUIET = threading.Lock()
+_TIMES_LONGER, _TAG_BYTES = 64, 128
+_INDEXES = (b"Xing", b"Info", b"VBRI")
+_FIRST_FRAME_BYTES = 1 << 12
+
+
+def _is_streamed(length: int) -> bool:
+    return length == 0 or length >= _STREAMED
+
+
+class _ReadThrough(io.FileIO):
+    """A file whose head states what the bytes are. patches: of the head, bytes by their place. size: told for its own."""
+
+    def __init__(self, path: Path, patches: Mapping[int, bytes], size: int) -> None:
+        super().__init__(path)
+        self._patches, self._size, self._real = patches, size, path.stat().st_size
+
+    def readinto(self, buffer: Any, /) -> int:
+        at, view = self.tell(), memoryview(buffer).cast("B")
+        if at >= max(self._real, self._size - _TAG_BYTES):  # MPEG's decoder looks for a tag at the end first
+            view[:] = bytes(len(view))
+            super().seek(at + len(view))
+            return len(view)
+        count = super().readinto(view) or 0
+        for place, content in self._patches.items():
+            for k, byte in enumerate(content):
+                if at <= place + k < at + count:
+                    view[place + k - at] = byte
+        return count
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        if whence == os.SEEK_END:
+            return super().seek(self._size + offset)
+        return super().seek(offset, whence)
+
+
+def is_indexed(path: Path) -> bool:
+    """Return whether the length that the library gives is the file's own: an MP3 without an index is estimated."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+        if head[:3] != b"ID3" and head[:1] != b"\xff":
+            return True
+        begins = 0
+        if head[:3] == b"ID3":
+            begins = 10 + sum((byte & 127) << 7 * (3 - k) for k, byte in enumerate(head[6:10]))
+        file.seek(begins)
+        first = file.read(_FIRST_FRAME_BYTES)
+    return any(index in first for index in _INDEXES)
+
+
+@contextmanager
+def opened_sound(path: Path) -> Iterator[soundfile.SoundFile]:
+    """Yield the sound file, read to the end of its bytes where its head does not know the length."""
+    with ExitStack() as stack:
+        source = _source(path)
+        if isinstance(source, _ReadThrough):
+            stack.enter_context(source)
+        yield stack.enter_context(soundfile.SoundFile(source))
+
+
+def _source(path: Path) -> Path | _ReadThrough:
+    size = path.stat().st_size
+    if not is_indexed(path):
+        return _ReadThrough(path, {}, _TIMES_LONGER * size + _TAG_BYTES)  # the estimate goes by the first frames
+    with path.open("rb") as file:
+        head = file.read(_RIFF_BYTES)
+        if head[:4] in (b"RIFF", b"RIFX"):
+            order, wanted = _FORMS[head[:4]]
+            while len(chunk := file.read(8)) == 8:
+                (length,) = struct.unpack(f"{order}I", chunk[4:])
+                begins = file.tell()
+                if chunk[:4] == wanted and _is_streamed(length) and not 0 < length <= size - begins:
+                    real = struct.pack(f"{order}I", min(size - begins, 0xFFFFFFFE))
+                    return _ReadThrough(path, {4: struct.pack(f"{order}I", size - 8), begins - 4: real}, size)
+                if chunk[:4] == wanted:
+                    break
+                file.seek(length + length % 2, 1)
+    return path
 
 
 @contextmanager
@@ -56,7 +136,7 @@ def require_whole(path: Path) -> None:
         file.seek(_RIFF_BYTES)
         order, wanted = _FORMS[head[:4]]
         (stated,) = struct.unpack(f"{order}I", head[4:8])
-        if stated not in _STREAMED:
+        if not _is_streamed(stated):
             _require(stated + 8, size)
         _require(_end_of_samples(file, order, wanted, size), size)
 
@@ -78,7 +158,7 @@ def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int
     while len(chunk := file.read(8)) == 8:
         (length,) = struct.unpack(f"{order}I", chunk[4:])
         if chunk[:4] == wanted:
-            return 0 if length in _STREAMED else file.tell() + length
+            return 0 if _is_streamed(length) else file.tell() + length
         if file.tell() + length > size:
             return 0
         file.seek(length + length % 2, 1)
@@ -87,7 +167,7 @@ def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int
 
 def _end_of_au(file: BinaryIO, head: bytes) -> int:
     start, length = struct.unpack(f"{'>' if head[:4] == b'.snd' else '<'}II", head[4:12])
-    return 0 if length in _STREAMED else int(start + length)
+    return 0 if _is_streamed(length) else int(start + length)
 
 
 def _end_of_rf64(file: BinaryIO, head: bytes) -> int:

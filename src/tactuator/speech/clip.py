@@ -152,7 +152,17 @@ def parse_haptic(text: str, legacy: bool = False) -> Clip:
     pitch = [number_of(row, "frequency", 0.0, 1.0, f"frequency[{k}]") for k, row in enumerate(rows)]
     course = Breakpoints(np.array(at), np.array(pitch)) if at else Breakpoints(np.zeros(1), np.array([0.5]))
     tone = Tone(times[0], times[-1], Breakpoints(np.array(times), np.array(strength)), course)
-    return Clip("haptic", times[-1], (tone,), tuple(taps))
+    impulses = [f"an impulse of no length at {time_s:g} s" for time_s in _impulses(times, strength)]
+    return Clip("haptic", times[-1], (tone,), tuple(taps), unrendered=tuple(impulses))
+
+
+def _impulses(times: Sequence[float], strength: Sequence[float]) -> list[float]:
+    """Return the times at which strength leaves its course and is back at the same instant: no vibration comes of it."""
+    found = []
+    for k in range(1, len(times) - 1):
+        if times[k - 1] == times[k] == times[k + 1] and strength[k] > max(strength[k - 1], strength[k + 1]):
+            found.append(times[k])
+    return found
 
 
 def _times(rows: Sequence[Mapping[str, Any]], where: str) -> list[float]:

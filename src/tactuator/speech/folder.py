@@ -80,13 +80,15 @@ def find_items(folder: Path, out: Path) -> tuple[tuple[Item, ...], tuple[str, ..
     def unreadable(error: OSError) -> None:
         others.append(Path(error.filename).relative_to(folder).as_posix())
 
+    above_of = {str(folder): (root, *root.parents)}
     for place, folders, names in os.walk(folder, onerror=unreadable, followlinks=True):
-        here = Path(place).resolve()
-        real_of = {name: (here / name).resolve() for name in folders}
-        above = (here, *here.parents)
+        above = above_of.pop(place)
+        real_of = {name: Path(place, name).resolve() for name in folders}
         folders[:] = [
             name for name, real in real_of.items() if real not in above and inside not in (real, *real.parents)
         ]
+        for name in folders:  # links may lead round by several folders: those passed on the way here count
+            above_of[os.path.join(place, name)] = (real_of[name], *real_of[name].parents, *above)  # noqa: PTH118
         for name in names:
             path = Path(place, name).relative_to(folder)
             is_source = path.suffix.lower() in (*SOUNDS, *KINDS) and not name.startswith(".")

@@ -6,7 +6,9 @@ half-written is left behind by a file that turns out bad at its end.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.kinds import require_kind
-from tactuator.io.sound import require_whole, without_remarks
+from tactuator.io.sound import is_indexed, opened_sound, require_whole, without_remarks
 
 BLOCK_FRAMES, KEPT_BYTES = 1 << 16, 1 << 25
 """So many frames go together; a file of no more than the second is read once."""
@@ -29,6 +31,12 @@ SMALLEST_SWING = 1e-4
 
 LARGEST_SWING = 1e6
 """Peak about the mean, of full scale 1, that a file of floats may have: beyond it is no sound, but a mistake."""
+
+CANCELS_DB = 20.0
+"""Loss by mixing from which on it is reported: channels of one voice lose 3 dB at most."""
+_CLIPPED_STEP, _CLIPPED_SHARE, _CLIPPED_RUNS = 0.01, 0.99, 3
+"""Clipped: a step of 1 % of full scale or more, and then three equal samples at the peak (within a step of 8 bits), three
+times or more. A smooth peak is reached by smaller steps."""
 
 _Samples = NDArray[np.float64 | np.int16]
 _UNIT = {np.dtype(np.float64): 1.0, np.dtype(np.int16): 2.0**-15}
@@ -74,24 +82,27 @@ def scan_speech(path: str | Path) -> SpeechFile:
     require_kind(path, "sound")
     _check_bytes(path)
     try:
-        with without_remarks(path), soundfile.SoundFile(path) as file:
+        with without_remarks(path), opened_sound(path) as file:
             rate, frames, channels = file.samplerate, file.frames, file.channels
             encoding = f"{file.format} {file.subtype}"
-            _check_header(path, rate, frames, channels)
-            read, mean, low, high, kept = _scan_samples(path, file)
+            _check_header(path, rate, frames)
+            found = _scan_samples(path, file)
     except soundfile.LibsndfileError as error:
         reason = str(error.error_string).strip().rstrip(".")
         raise BadInput(f"{path}: not readable as sound ({reason})", "WAV, FLAC, Ogg, AIFF, ...") from None
-    if read != frames:
-        raise BadInput(f"{path}: truncated, {read} of {frames} frames are there", "a whole file")
-    peak = max(high - mean, mean - low)
+    if is_indexed(path) and found.frames != frames:
+        raise BadInput(f"{path}: truncated, {found.frames} of {frames} frames are there", "a whole file")
+    _check_header(path, rate, found.frames)
+    mean = found.mean
+    peak = max(found.high - mean, mean - found.low)
     if peak < SMALLEST_SWING:
         silent = "silent" if channels == 1 else f"silent once its {channels} channels are mixed"
         what = silent if abs(mean) < SMALLEST_SWING else f"constant at {mean:.4g} of full scale (DC)"
         raise BadInput(f"{path}: {what}", f"a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
     if peak > LARGEST_SWING:
         raise BadInput(f"{path}: a peak of {peak:.3g} times full scale", f"up to {LARGEST_SWING:g}")
-    return SpeechFile(path, rate, frames, channels, encoding, mean, peak, _notes(channels, mean, peak), kept)
+    notes = tuple(_notes(found, channels, peak))
+    return SpeechFile(path, rate, found.frames, channels, encoding, mean, peak, notes, tuple(found.kept))
 
 
 def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Iterator[FloatArray]:
@@ -99,11 +110,11 @@ def speech_blocks(speech: SpeechFile, block_frames: int = BLOCK_FRAMES) -> Itera
     if speech.kept and block_frames == BLOCK_FRAMES:
         yield from (_signal(block, speech.mean) for block in speech.kept)
         return
-    with without_remarks(speech.path):
-        file = soundfile.SoundFile(speech.path)
-    with file:
-        for block in _mono(file, block_frames):
-            yield _signal(block, speech.mean)
+    with ExitStack() as stack:
+        with without_remarks(speech.path):
+            file = stack.enter_context(opened_sound(speech.path))
+        for block in _read(file, block_frames):
+            yield _signal(_mixed(block), speech.mean)
 
 
 def _signal(block: _Samples, mean: float) -> FloatArray:
@@ -124,39 +135,82 @@ def _check_bytes(path: Path) -> None:
         raise BadInput(f"{path}: empty, 0 bytes", "a sound file")
 
 
-def _check_header(path: Path, rate: int, frames: int, channels: int) -> None:
+def _check_header(path: Path, rate: int, frames: int) -> None:
     if not LOWEST_RATE_HZ <= rate <= HIGHEST_RATE_HZ:
         raise BadInput(f"{path}: sampled at {rate} Hz", f"{LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ} Hz")
     if frames < SHORTEST_S * rate:
         raise BadInput(f"{path}: {frames} frames, {1e3 * frames / rate:.4g} ms", f"{1e3 * SHORTEST_S:g} ms or longer")
 
 
-def _mono(file: soundfile.SoundFile, block_frames: int) -> Iterator[_Samples]:
+def _read(file: soundfile.SoundFile, block_frames: int) -> Iterator[_Samples]:
+    """Yield blocks (n, channels)."""
     dtype = "int16" if file.subtype == "PCM_16" and file.channels == 1 else "float64"
     while len(block := file.read(block_frames, dtype=dtype, always_2d=True)):
-        yield block[:, 0] if block.shape[1] == 1 else block.mean(axis=1)
+        yield block
 
 
-def _scan_samples(path: Path, file: soundfile.SoundFile) -> tuple[int, float, float, float, tuple[_Samples, ...]]:
-    read, total, low, high, kept = 0, 0.0, np.inf, -np.inf, []
-    for block in _mono(file, BLOCK_FRAMES):
+def _mixed(block: _Samples) -> _Samples:
+    return block[:, 0] if block.shape[1] == 1 else block.mean(axis=1)
+
+
+@dataclass
+class _Found:
+    """What one reading of a file finds. powers: sum of squares of the mix, and of all channels' mean power. flat: of
+    runs of equal samples, how many and the greatest magnitude in the file: a clipped peak is one.
+    """
+
+    frames: int = 0
+    total: float = 0.0
+    low: float = np.inf
+    high: float = -np.inf
+    mixed_power: float = 0.0
+    channel_power: float = 0.0
+    flat: Counter[float] = field(default_factory=Counter)
+    kept: list[_Samples] = field(default_factory=list)
+
+    @property
+    def mean(self) -> float:
+        """Return the mean of the mono signal."""
+        return self.total / max(self.frames, 1)
+
+    def take(self, block: _Samples, mono: _Samples) -> None:
+        """Add a block to the figures."""
         unit = _UNIT[block.dtype]
-        total += unit * float(block.sum())
-        if not np.isfinite(total):
-            bad = np.flatnonzero(~np.isfinite(block))
-            at = (read + int(bad[0])) / file.samplerate if bad.size else read / file.samplerate
+        self.low, self.high = min(self.low, unit * float(mono.min())), max(self.high, unit * float(mono.max()))
+        self.frames += len(block)
+        if block.shape[1] > 1:
+            self.mixed_power += float(np.sum(mono**2))
+            self.channel_power += float(np.mean(np.sum(block**2, axis=0)))
+        steps = unit * np.abs(np.diff(block.astype(np.float64), axis=0))
+        begins = (steps[:-2] > _CLIPPED_STEP) & (steps[1:-1] == 0.0) & (steps[2:] == 0.0)
+        for value in np.abs(block[1:-2][begins]).tolist():
+            self.flat[unit * value] += 1
+
+
+def _scan_samples(path: Path, file: soundfile.SoundFile) -> _Found:
+    found = _Found()
+    for block in _read(file, BLOCK_FRAMES):
+        mono = _mixed(block)
+        found.total += _UNIT[block.dtype] * float(mono.sum())
+        if not np.isfinite(found.total):
+            bad = np.flatnonzero(~np.isfinite(mono))
+            at = (found.frames + int(bad[0])) / file.samplerate if bad.size else found.frames / file.samplerate
             raise BadInput(f"{path}: a sample at {at:.3f} s is not a finite number", "finite samples")
-        low, high = min(low, unit * float(block.min())), max(high, unit * float(block.max()))
-        read += len(block)
-        if file.frames * block.itemsize <= KEPT_BYTES:
-            kept.append(block)
-    return read, total / max(read, 1), low, high, tuple(kept)
+        found.take(block, mono)
+        if file.frames * mono.itemsize <= KEPT_BYTES:
+            found.kept.append(mono)
+    return found
 
 
-def _notes(channels: int, mean: float, peak: float) -> tuple[str, ...]:
-    notes = []
+def _notes(found: _Found, channels: int, peak: float) -> Iterator[str]:
     if channels > 1:
-        notes.append(f"{channels} channels mixed down to one (their mean)")
-    if abs(mean) > 0.01 * peak:
-        notes.append(f"a mean of {mean:.4g} of full scale (DC) was taken out")
-    return tuple(notes)
+        yield f"{channels} channels mixed down to one (their mean)"
+        lost_db = 10.0 * np.log10(max(found.channel_power, 1e-300) / max(found.mixed_power, 1e-300))
+        if lost_db > CANCELS_DB:
+            yield f"the channels cancel: their mean is {lost_db:.0f} dB below them; is one reversed?"
+    if abs(found.mean) > 0.01 * peak:
+        yield f"a mean of {found.mean:.4g} of full scale (DC) was taken out"
+    top = max(found.flat, default=0.0)
+    clipped = sum(count for value, count in found.flat.items() if value >= _CLIPPED_SHARE * top)
+    if clipped >= _CLIPPED_RUNS and top >= _CLIPPED_SHARE * (peak + abs(found.mean)):
+        yield f"clipping is likely: {clipped} peaks are cut off at {top:.3g} of full scale"

@@ -1,15 +1,13 @@
 """Speech as a signal in dB SL: a file read, coded, and set to a level, streamed from the first sample to the last.
 
-The level of an utterance is the rms, in dB SL, of its frames within 30 dB of the loudest. As everywhere, a level is
-that of the sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit is at 0 dB SL, so a frame of rms x is at
-20 log10(sqrt(2) x).
+The level of an utterance is its active level (speech/active_level.py), in dB SL. As everywhere, a level is that of the
+sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit is at 0 dB SL, so a rms of x is at 20 log10(sqrt(2) x).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import IO
@@ -21,48 +19,10 @@ from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.perception.curve import check_level
 from tactuator.signals.decibels import db
+from tactuator.speech.active_level import active_level
 from tactuator.speech.coding import Coding
 from tactuator.speech.reading import scan_speech, speech_blocks
 from tactuator.speech.signal import Signal
-
-FRAME_S = 0.025
-FRAMES_WITHIN_DB = 30.0
-
-
-@dataclass
-class LevelMeter:
-    """Takes blocks (n, channels) one after the other and keeps only the frames' powers (0.025 s each)."""
-
-    rate_hz: float
-    _powers: list[FloatArray] = field(default_factory=list)
-    _rest: FloatArray | None = None
-
-    def push(self, block: FloatArray) -> None:
-        """Add a block to the frames counted."""
-        length = round(FRAME_S * self.rate_hz)
-        block = block if self._rest is None else np.concatenate((self._rest, block))
-        whole = len(block) // length
-        frames = block[: whole * length].reshape(whole, length, block.shape[1])
-        self._powers.append(np.einsum("ijk,ijk->ik", frames, frames) / length)
-        self._rest = block[whole * length :].copy()
-
-    def level_db(self) -> float:
-        """Return the level of the loudest channel over its frames within 30 dB of its loudest frame; -inf for silence.
-
-        Raises BadInput where not one frame was whole.
-        """
-        powers = np.concatenate(self._powers) if self._powers else np.zeros((0, 1))
-        if not len(powers):
-            raise BadInput("shorter than one frame", f"{1e3 * FRAME_S:g} ms or longer")
-        best = max(_active_power(channel) for channel in powers.T)
-        with np.errstate(divide="ignore"):
-            return float(10.0 * np.log10(2.0 * best))
-
-
-def _active_power(powers: FloatArray) -> float:
-    loudest = float(powers.max())
-    return float(powers[powers >= loudest * 10.0 ** (-FRAMES_WITHIN_DB / 10.0)].mean())
-
 
 QUIETEST_DB, LEAST_DB = -90.0, -60.0
 """Of full scale, and of a file's peak: a coding that leaves less than either of a file has found nothing in it."""
@@ -105,17 +65,18 @@ def speech_signal(
     placement = coding.placement(tuple(channel.finger for channel in controller.display.channels))
     speech = scan_speech(path)
     with SpooledTemporaryFile(KEPT_BYTES, dir=None if workspace is None else str(workspace)) as coded:
-        meter, frames = LevelMeter(rate), 0
+        frames = 0
         try:
             # where a sound is cut, it has all frequencies: what lies outside of the band would be a click in it
             sound = _ramped(speech_blocks(speech), speech.frames, speech.rate_hz)
             for block in coding.signals(sound, speech.rate_hz, int(rate)):
                 coded.write(np.ascontiguousarray(block, dtype=np.float32).data)
-                meter.push(block if len(placement) == 1 else block @ placement)
                 frames += len(block)
         except OSError as error:
             raise BadInput(f"{path}: no room to work in ({error.strerror})", "a disk with room") from None
-        level, least = meter.level_db(), max(QUIETEST_DB, float(db(speech.peak)) + LEAST_DB)
+        spread = placement if len(placement) > 1 else np.ones((1, 1))
+        active = active_level(lambda: (block @ spread for block in _read_back(coded, len(placement), rate)), rate)
+        level, least = active.level_db, max(QUIETEST_DB, float(db(speech.peak)) + LEAST_DB)
         if level < least:
             said = f"coding {coding.kind!r} leaves {level:.0f} dB re full scale of it"
             raise BadInput(f"{path}: nothing of this sound lies in the band: {said}", f"{least:.0f} dB or more")
@@ -124,17 +85,22 @@ def speech_signal(
             "encoding": speech.encoding,
             "duration_s": speech.duration_s,
             "threshold_units_per_speech_full_scale": gain,
+            "active_share": active.share,
         }
-        yield Signal(frames, _levelled(coded, gain * placement, frames, rate), about, speech.notes)
+        yield Signal(frames, _levelled(coded, gain * placement, frames, rate), about, (*speech.notes, *active.notes))
+
+
+def _read_back(coded: IO[bytes], width: int, rate_hz: float) -> Iterator[FloatArray]:
+    """Yield what was coded, (n, width), from its beginning."""
+    length = 4 * width * round(BLOCK_S * rate_hz)
+    coded.seek(0)
+    for data in iter(lambda: coded.read(length), b""):
+        yield np.frombuffer(data, dtype=np.float32).reshape(-1, width).astype(np.float64)
 
 
 def _levelled(coded: IO[bytes], matrix: FloatArray, frames: int, rate_hz: float) -> Iterator[FloatArray]:
     """Yield what was coded, (n, signals), by the gains (signals, channels), with ramps at both ends."""
     width = len(matrix)
-    length = 4 * width * round(BLOCK_S * rate_hz)
-    coded.seek(0)
-    read = (np.frombuffer(data, dtype=np.float32) for data in iter(lambda: coded.read(length), b""))
-    blocks = (block.reshape(-1, width).astype(np.float64) for block in read)
-    for block in _ramped(blocks, frames, rate_hz):
+    for block in _ramped(_read_back(coded, width, rate_hz), frames, rate_hz):
         # finger by finger in memory, as the limiter looks at them
         yield np.multiply.outer(matrix[0], block[:, 0]).T if width == 1 else block @ matrix

@@ -23,6 +23,10 @@ _ARPABET = frozenset((
     "L", "M", "N", "NG", "OW", "OY", "P", "R", "S", "SH", "T", "TH", "UH", "UW", "V", "W", "Y", "Z", "ZH",
 ))  # fmt: skip
 _SILENCES = frozenset(("", "SIL", "SP", "SPN", "PAU", "#", "<EPS>", "_"))
+_TIMIT = frozenset((
+    "AX", "AXR", "AX-H", "IX", "UX", "DX", "NX", "EL", "EM", "EN", "ENG", "HV", "Q", "BCL", "DCL", "GCL", "PCL", "TCL", "KCL",
+    "EPI",
+))  # fmt: skip
 _TOKEN = re.compile(r'"((?:[^"]|"")*)"|(?<![\w.\[])(-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?![\w\]])')
 
 
@@ -32,6 +36,7 @@ def read_textgrid(path: Path) -> tuple[Phoneme, ...]:
     Raises BadInput for a phoneme that is not one of the 39, times that go back, or a file that holds no phonemes.
     """
     with within(str(path)):
+        _require_plain_text(path)
         spoken = [Phoneme(name, start_s) for label, start_s in _intervals(read_text(path)) if (name := _name(label))]
         if not 0 < len(spoken) <= MOST_PHONEMES:
             raise BadInput(f"{len(spoken)} phonemes", f"1 to {MOST_PHONEMES}")
@@ -41,12 +46,34 @@ def read_textgrid(path: Path) -> tuple[Phoneme, ...]:
     return tuple(spoken)
 
 
+def _require_plain_text(path: Path) -> None:
+    """Raise BadInput for Praat's other two forms of a TextGrid, by name."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(100)
+    except OSError:
+        return  # whoever reads it says why not
+    for mark, form in ((b"ooBinaryFile", "binary"), (b"Praat chronological", "chronological")):
+        if mark in head:
+            raise BadInput(
+                f"a TextGrid in Praat's {form} form", "text (in Praat: Save as text file, or as short text file)"
+            )
+
+
+def _phone_set(label: str, plain: str) -> str:
+    """Return the name of the set of phones that a label is of, as far as it shows."""
+    if not label.isascii():
+        return " of the IPA"
+    return " of TIMIT" if plain in _TIMIT or plain.startswith("H#") else ""
+
+
 def _name(label: str) -> str:
     plain = label.strip().upper().rstrip("012")
     if plain in _SILENCES:
         return ""
     if plain not in _ARPABET:
-        raise BadInput(f"phoneme {label!r}", f"ARPAbet: {', '.join(sorted(_ARPABET))}")
+        arpabet = f"ARPAbet, as of MFA's english_us_arpa: {', '.join(sorted(_ARPABET))}"
+        raise BadInput(f"phoneme {label!r}{_phone_set(label, plain)}", arpabet)
     return _OF_ARPABET.get(plain, plain)
 
 
@@ -54,7 +81,7 @@ def _intervals(text: str) -> list[tuple[str, float]]:
     """Return the intervals of the tier of phones, in Praat's long or short text form: the order is the same."""
     tokens = [(words.replace('""', '"'), number) for words, number in _TOKEN.findall(text.partition('TextGrid"')[2])]
     tiers: dict[str, list[tuple[str, float]]] = {}
-    at = 0
+    at, twice = 0, None
     try:
         while at < len(tokens):
             if tokens[at][0] not in ("IntervalTier", "TextTier"):
@@ -63,11 +90,18 @@ def _intervals(text: str) -> list[tuple[str, float]]:
             kind, name, count = tokens[at][0], tokens[at + 1][0], int(tokens[at + 4][1])
             step = 3 if kind == "IntervalTier" else 2
             rows = [tokens[at + 5 + step * n : at + 5 + step * (n + 1)] for n in range(min(count, MOST_PHONEMES + 1))]
+            after = at + 5 + step * len(rows)
+            is_last = after >= len(tokens) or tokens[after][0] in ("IntervalTier", "TextTier")
+            if after > len(tokens) or (len(rows) == count and not is_last):  # the count does not hold
+                raise ValueError
             if kind == "IntervalTier":
+                twice = name if name in tiers else twice
                 tiers[name] = [(row[2][0], float(row[0][1])) for row in rows]
-            at += 5 + step * len(rows)
+            at = after
     except (IndexError, ValueError):
         raise BadInput("a TextGrid that is cut off or damaged", "one that Praat has written as text") from None
+    if twice is not None:
+        raise BadInput(f"two tiers named {twice!r}", "a name for one tier")
     named = [name for name in tiers if "phon" in name.lower()] or list(tiers)
     if len(named) != 1:
         raise BadInput(f"tiers {', '.join(tiers) or 'none'}", "one interval tier, or one whose name has 'phon' in it")

@@ -1,0 +1,124 @@
+"""The active level, against an implementation of ITU-T P.56 sample by sample, written from its text alone."""
+
+import math
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactuator.speech.active_level import active_level
+from tactuator.speech.reading import sample_path
+from tactuator.speech.spoken import speech_signal
+from tactuator.speech.band_codings import DirectCoding
+
+RATE_HZ = 4000
+
+
+def p56(samples, rate_hz):
+    """ITU-T P.56, method B, its section 8, of mean power: (level in dB of the rms re 1, activity factor)."""
+    g, hang, margin = math.exp(-1.0 / (rate_hz * 0.03)), math.ceil(rate_hz * 0.2), 15.9
+    thresholds = [2.0**j for j in range(-25, 10)]
+    counts, since = [0] * len(thresholds), [hang] * len(thresholds)
+    total = p = q = 0.0
+    for x in samples.tolist():
+        total += x * x
+        p = g * p + (1.0 - g) * abs(x)
+        q = g * q + (1.0 - g) * p
+        for j, c in enumerate(thresholds):
+            if q >= c:
+                counts[j] += 1
+                since[j] = 0
+            elif since[j] < hang:
+                counts[j] += 1
+                since[j] += 1
+            else:
+                break
+    before = None
+    for c, a in zip(thresholds, counts, strict=True):
+        if a == 0:
+            break
+        level, least = 10.0 * math.log10(total / a), 20.0 * math.log10(c)
+        if level - least <= margin:
+            if before is not None:
+                share = (before[0] - margin) / (before[0] - (level - least))
+                level = before[1] + share * (level - before[1])
+            return level, total / len(samples) / 10.0 ** (level / 10.0)
+        before = (level - least, level)
+    raise AssertionError("no crossing")
+
+
+def spoken(seed, seconds=4.0):
+    """Syllables of harmonics of a voice, of many strengths, with pauses and some noise."""
+    rng, time = np.random.default_rng(seed), np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    wave, at = np.zeros(time.size), rng.uniform(0.0, 0.4)
+    while at < seconds - 0.3:
+        length, pitch = rng.uniform(0.08, 0.3), rng.uniform(80.0, 250.0)
+        inside = (time >= at) & (time < at + length)
+        t = time[inside] - at
+        tone = sum(np.sin(2 * np.pi * k * pitch * t + rng.uniform(0, 6)) / k for k in range(1, 8))
+        wave[inside] += rng.uniform(0.3, 1.0) * np.sin(np.pi * t / length) ** 0.5 * tone
+        at += length + rng.choice([0.02, 0.1, 0.6], p=[0.5, 0.3, 0.2])
+    return rng.uniform(0.01, 1.0) * (wave + rng.uniform(0.0, 0.01) * rng.standard_normal(time.size))
+
+
+def measured(samples, cut=(1 << 30,)):
+    return active_level(lambda: iter(np.split(samples[:, None], list(cut))), RATE_HZ)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_level__speech_of_30_kinds__is_p56_within_0_3_db(seed):
+    samples = spoken(seed)
+    level, share = p56(samples, RATE_HZ)
+    got = measured(samples)
+    assert got.level_db - 10.0 * math.log10(2.0) == pytest.approx(level, abs=0.3)
+    assert got.share == pytest.approx(share, abs=0.03)
+    assert not any("left out" in note for note in got.notes)
+
+
+def test_level__shipped_sample__is_p56():
+    samples, rate = soundfile.read(sample_path())
+    got = active_level(lambda: iter([samples[:, None]]), rate)
+    assert got.level_db - 10.0 * math.log10(2.0) == pytest.approx(p56(samples, rate)[0], abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_level__a_thump_of_10_to_40_db__within_1_db_or_said(seed):
+    rng, samples = np.random.default_rng(100 + seed), spoken(seed)
+    level = p56(samples, RATE_HZ)[0]
+    thump_db, length, at = rng.uniform(10.0, 40.0), rng.uniform(0.01, 0.06), rng.uniform(0.0, 3.9)
+    k = np.arange(int(length * RATE_HZ))
+    thump = np.sin(2 * np.pi * rng.uniform(60, 290) * k / RATE_HZ) * np.hanning(k.size)
+    thump *= 10.0 ** ((level + thump_db) / 20.0) / np.sqrt(np.mean(thump**2))
+    first = int(at * RATE_HZ)
+    spoilt = samples.copy()
+    spoilt[first : first + k.size] += thump
+    got = measured(spoilt)
+    error_db = got.level_db - 10.0 * math.log10(2.0) - level
+    assert abs(error_db) < 1.0
+    assert thump_db < 15.0 or any("left out" in note for note in got.notes)
+
+
+def test_level__however_it_is_cut__same_and_silence_has_none():
+    samples = spoken(3)
+    assert measured(samples, (1, 99, 100, 4001, 9000)).level_db == pytest.approx(measured(samples).level_db, abs=1e-9)
+    silent = measured(np.zeros(4000))
+    assert (silent.level_db, silent.share, silent.notes) == (-np.inf, 0.0, ())
+    two = np.stack([spoken(1), 10.0 * spoken(2)], axis=1)
+    assert active_level(lambda: iter([two]), RATE_HZ).level_db == measured(two[:, 1]).level_db
+
+
+def test_render__thump_in_quiet_speech__speech_is_at_its_level_and_the_thump_is_named(write_sound, controller):
+    """`quiet-with-a-thump.wav`: asked for 35 dB SL, the speech used to come to 0."""
+    rate, seconds = 16000, 2
+    time = np.arange(seconds * rate) / rate
+    turns = 2 * np.pi * np.cumsum(120 + 10 * np.sin(2 * np.pi * 0.7 * time)) / rate
+    voice = sum(np.sin(k * turns) / k for k in range(1, 20)) * np.clip(np.sin(4 * np.pi * time), 0, None) ** 0.7
+    quiet, k = 0.01 * voice / np.abs(voice).max(), np.arange(int(0.02 * rate))
+    quiet[-2000 : -2000 + k.size] += 0.95 * np.sin(2 * np.pi * 150 * k / rate) * np.hanning(k.size)
+    with speech_signal(write_sound(quiet, rate), controller, DirectCoding(), 35.0) as signal:
+        asked = np.concatenate([block.copy() for block in signal.blocks])[:, 0]
+    assert [note for note in signal.notes if "left out of its level" in note]
+    assert [note for note in signal.notes if "a knock?" in note]
+    whole = asked[: int(1.8 * controller.rate_hz)]
+    level = p56(whole, controller.rate_hz)[0] + 10.0 * math.log10(2.0)
+    assert level == pytest.approx(35.0, abs=1.0)
