@@ -7,9 +7,9 @@ import pytest
 import soundfile
 
 from tactuator.speech.active_level import active_level
+from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.reading import sample_path
 from tactuator.speech.spoken import speech_signal
-from tactuator.speech.band_codings import DirectCoding
 
 RATE_HZ = 4000
 

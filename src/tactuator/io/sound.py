@@ -31,7 +31,7 @@ def _is_streamed(length: int) -> bool:
 
 
 class _ReadThrough(io.FileIO):
-    """A file whose head states what the bytes are. patches: of the head, bytes by their place. size: told for its own."""
+    """A file with another head. patches: bytes of it by their place. size: stated for its own."""
 
     def __init__(self, path: Path, patches: Mapping[int, bytes], size: int) -> None:
         super().__init__(path)

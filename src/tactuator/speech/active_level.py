@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from tactuator.arrays import FloatArray
 
@@ -114,7 +114,9 @@ def _levels(blocks: Iterator[FloatArray], rate_hz: float) -> list[tuple[float, f
             counts, last = np.zeros((width, len(_THRESHOLDS))), np.full((width, len(_THRESHOLDS)), -hang - 1)
         envelope = np.abs(block)
         for stage in range(2):
-            envelope, states[stage] = lfilter([1.0 - smooth], [1.0, -smooth], envelope, axis=0, zi=states[stage])
+            envelope, states[stage] = scipy.signal.lfilter(
+                [1.0 - smooth], [1.0, -smooth], envelope, axis=0, zi=states[stage]
+            )
         for channel in range(block.shape[1]):
             _count(envelope[:, channel], frames, hang, counts[channel], last[channel])
         energy += np.einsum("ij,ij->j", block, block)

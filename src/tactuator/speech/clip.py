@@ -157,7 +157,7 @@ def parse_haptic(text: str, legacy: bool = False) -> Clip:
 
 
 def _impulses(times: Sequence[float], strength: Sequence[float]) -> list[float]:
-    """Return the times at which strength leaves its course and is back at the same instant: no vibration comes of it."""
+    """Return the times at which strength leaves its course and is back at the same instant: nothing comes of it."""
     found = []
     for k in range(1, len(times) - 1):
         if times[k - 1] == times[k] == times[k + 1] and strength[k] > max(strength[k - 1], strength[k + 1]):

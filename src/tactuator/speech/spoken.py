@@ -1,7 +1,8 @@
 """Speech as a signal in dB SL: a file read, coded, and set to a level, streamed from the first sample to the last.
 
 The level of an utterance is its active level (speech/active_level.py), in dB SL. As everywhere, a level is that of the
-sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit is at 0 dB SL, so a rms of x is at 20 log10(sqrt(2) x).
+sinusoid of the same rms: a sinusoid of amplitude 1 threshold unit is at 0 dB SL, so a rms of x is at
+20 log10(sqrt(2) x).
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ _ARPABET = frozenset((
 ))  # fmt: skip
 _SILENCES = frozenset(("", "SIL", "SP", "SPN", "PAU", "#", "<EPS>", "_"))
 _TIMIT = frozenset((
-    "AX", "AXR", "AX-H", "IX", "UX", "DX", "NX", "EL", "EM", "EN", "ENG", "HV", "Q", "BCL", "DCL", "GCL", "PCL", "TCL", "KCL",
-    "EPI",
+    "AX", "AXR", "AX-H", "IX", "UX", "DX", "NX", "EL", "EM", "EN", "ENG", "HV", "Q", "BCL", "DCL", "GCL", "PCL", "TCL",
+    "KCL", "EPI",
 ))  # fmt: skip
 _TOKEN = re.compile(r'"((?:[^"]|"")*)"|(?<![\w.\[])(-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?![\w\]])')
 
