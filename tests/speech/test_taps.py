@@ -153,11 +153,7 @@ PHONES = [(0, 0.5, ""), (0.5, 0.6, "HH"), (0.6, 0.75, "AH0"), (0.75, 1.0, "L"), 
         *((short_form(("phones", PHONES), size=size), "cut off or damaged") for size in (1, 2, 3, 4, 5, 7, 8, 9, 50)),
         (short_form(("phones", PHONES), ("words", PHONES), size=5), "cut off or damaged"),
         (short_form(("phones", PHONES), ("words", PHONES), size=7), "cut off or damaged"),
-<<<<<<< HEAD
         (short_form(("phones", PHONES), ("phones", [(0, 2, "S")])), "two tiers named 'phones'; expected a name for one"),
-=======
-        (short_form(("phones", PHONES), ("phones", [(0, 2, "S")])), "two tiers named 'phones'; expected a name"),
->>>>>>> ac18f2f5 (Line lengths and lazy SciPy)
         (short_form(("words", PHONES), ("words", PHONES)), "two tiers named 'words'"),
         ("ooBinaryFile\x08TextGrid\0\0", "Praat's binary form; expected text"),
         ('"Praat chronological TextGrid text file"\n0 2 ! Time domain.\n', "chronological form; expected text"),
