@@ -114,9 +114,8 @@ def _levels(blocks: Iterator[FloatArray], rate_hz: float) -> list[tuple[float, f
             counts, last = np.zeros((width, len(_THRESHOLDS))), np.full((width, len(_THRESHOLDS)), -hang - 1)
         envelope = np.abs(block)
         for stage in range(2):
-            envelope, states[stage] = scipy.signal.lfilter(
-                [1.0 - smooth], [1.0, -smooth], envelope, axis=0, zi=states[stage]
-            )
+            state = states[stage]
+            envelope, states[stage] = scipy.signal.lfilter([1.0 - smooth], [1.0, -smooth], envelope, axis=0, zi=state)
         for channel in range(block.shape[1]):
             _count(envelope[:, channel], frames, hang, counts[channel], last[channel])
         energy += np.einsum("ij,ij->j", block, block)

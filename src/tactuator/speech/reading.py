@@ -35,8 +35,8 @@ LARGEST_SWING = 1e6
 CANCELS_DB = 20.0
 """Loss by mixing from which on it is reported: channels of one voice lose 3 dB at most."""
 _CLIPPED_STEP, _CLIPPED_SHARE, _CLIPPED_RUNS = 0.01, 0.99, 3
-"""Clipped: a step of 1 % of full scale or more, and then three equal samples at the peak (within a step of 8 bits), three
-times or more. A smooth peak is reached by smaller steps."""
+"""Clipped: a step of 1 % of full scale or more, and then three equal samples at the peak (within a step of 8 bits),
+three times or more. A smooth peak is reached by smaller steps."""
 
 _Samples = NDArray[np.float64 | np.int16]
 _UNIT = {np.dtype(np.float64): 1.0, np.dtype(np.int16): 2.0**-15}
