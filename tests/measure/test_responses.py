@@ -269,7 +269,7 @@ def test_felt_of_command__known_sinusoid__has_the_level_of_the_hand_calculation(
 def test_disturbance__paper_loop__rejects_as_s_says() -> None:
     made, rig = FULL, loaded(FULL, 5)
     frequency = np.array([0.5, 2.0, 10.0, 30.0, 100.0])
-    report = disturbance(rig, rig.finger("index"), made, "index", frequency, np.random.default_rng(0))
+    report = disturbance(rig, made, "index", frequency, np.random.default_rng(0))
     _, sensitivity = loop_response(made, frequency)
     np.testing.assert_allclose(report.rejection.expected_db, 20.0 * np.log10(np.abs(sensitivity)), atol=1e-6)
     np.testing.assert_allclose(report.rejection.measured_db, report.rejection.expected_db, atol=0.4)
@@ -281,4 +281,4 @@ def test_disturbance__paper_loop__rejects_as_s_says() -> None:
     assert report.press.left_mm < 0.1 * report.press.peak_mm
     assert report.press.recovery_s < 0.8
     with pytest.raises(BadInput, match="excursion"):
-        disturbance(rig, rig.finger("index"), made, "index", frequency, np.random.default_rng(0), excursion_mm=0.0)
+        disturbance(rig, made, "index", frequency, np.random.default_rng(0), excursion_mm=0.0)

@@ -32,7 +32,7 @@ from tactuator.api.parameters import (
 )
 from tactuator.api.progress import say, working
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, unknown
+from tactuator.errors import unknown
 from tactuator.io.environment import write_environment
 from tactuator.io.response import check_response_path, write_responses
 from tactuator.measure.adaptive import Learnt, settle_weights
@@ -565,15 +565,12 @@ def disturb(
     require_stable(loop)
     reports = []
     with opened(rig, loop.display, seed) as ready:
-        finger = getattr(ready, "finger", None)
-        if finger is None:
-            raise BadInput(f"rig {rig!r} has no finger port to press at", "one that has")
         ready.load(loop)
         rng, wanted = np.random.default_rng(seed), numbers(frequency_hz, "frequency_hz")
         how = {"excursion_mm": excursion_mm, "mains_hz": loop.display.mains_hz(None, MAINS_HZ)}
         for name in channel or [each.name for each in loop.channels]:
             with working(f"disturbing {name}"):
-                reports.append(disturbance(ready, finger(name), loop, name, wanted, rng, **how))
+                reports.append(disturbance(ready, loop, name, wanted, rng, **how))
     return DisturbanceResult(tuple(reports))
 
 

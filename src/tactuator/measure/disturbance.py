@@ -20,7 +20,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.model.plant import DERIVATIVES
 from tactuator.plain import brief
-from tactuator.rig.rig import Finger, Rig, Trace
+from tactuator.rig.rig import Rig, Trace
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.excitation import ramps
@@ -84,7 +84,6 @@ class DisturbanceReport:
 
 def disturbance(
     rig: Rig,
-    port: Finger,
     controller: Controller,
     channel: str,
     frequency_hz: ArrayLike,
@@ -95,8 +94,8 @@ def disturbance(
 ) -> DisturbanceReport:
     """Disturb `channel` at its finger port while the controller holds it at rest, and compare with S.
 
-    frequency_hz (m,): of the rejection. excursion_mm: what each force
-    would move without the loop, as far as half the command range allows. Raises BadInput for an unknown channel.
+    frequency_hz (m,): of the rejection. excursion_mm: what each force would move without the loop, as far as half the
+    command range allows. Raises BadInput for an unknown channel, and for a real display, which has no finger port.
     """
     described = controller.display.channel(channel)
     if excursion_mm <= 0.0:
@@ -108,7 +107,7 @@ def disturbance(
     def sensitivity(hertz: FloatArray) -> NDArray[np.complex128]:
         return np.ones(hertz.shape, dtype=np.complex128) if feedback is None else feedback.sensitivity(hertz)
 
-    bench = _Bench(rig, port, rig.channels.index(channel), described, plant, excursion_mm, sensitivity)
+    bench = _Bench(rig, described, plant, excursion_mm, sensitivity)
     rejection = bench.rejection(np.unique(off_mains(frequency_hz, mains_hz)), mains_hz)
     press = bench.press()
     tremor = bench.tremor(rng)
@@ -123,25 +122,21 @@ class _Bench:
     def __init__(
         self,
         rig: Rig,
-        port: Finger,
-        column: int,
         channel: Channel,
         plant: SampledSystem,
         excursion_mm: float,
         sensitivity: Callable[[FloatArray], NDArray[np.complex128]],
     ) -> None:
-        self._rig, self._port, self._column, self._channel, self._plant = rig, port, column, channel, plant
-        self._sensitivity = sensitivity
+        self._rig, self._channel, self._plant, self._sensitivity = rig, channel, plant, sensitivity
+        self._port, self._column = rig.finger(channel.name), rig.channels.index(channel.name)
         self._excursion_v = excursion_mm * channel.sensor_gain_v_per_mm
         self._largest_v = 0.5 * channel.converter.range_v
-        self._play(None, 2.0)
+        self._play(np.zeros(round(2.0 * rig.rate_hz)))
 
-    def _play(self, force: FloatArray | None, duration_s: float = 0.0) -> tuple[FloatArray, bool]:
-        count = force.size if force is not None else round(duration_s * self._rig.rate_hz)
-        if force is not None:
-            self._port.press(force)
-        trace = self._rig.play(np.zeros((count, len(self._rig.channels))))
-        return trace.position_v[:, self._column], bool(np.any(trace.saturated[:, self._column]))
+    def _play(self, force: FloatArray) -> FloatArray:
+        """Press with a force (n,) at rest, and return the position, volts."""
+        self._port.press(force)
+        return self._rig.play(np.zeros((force.size, len(self._rig.channels)))).position_v[:, self._column]
 
     def rejection(self, frequency_hz: FloatArray, mains_hz: float | None) -> Rejection:
         """Press with one sinusoidal force after the other and return the rejection of each."""
@@ -176,8 +171,9 @@ class _Bench:
         second = round(rate)
         force = np.zeros(2 * second)
         force[:second] = force_v * np.minimum(1.0, np.arange(second) / (0.02 * rate))
-        before, _ = self._play(None, 0.5)
-        position, _ = self._play(force)
+        self._play(np.zeros(second))  # the last force of the rejection ended at once
+        before = self._play(np.zeros(second // 2))
+        position = self._play(force)
         moved = (position - before.mean()) / gain
         # a sixtieth of a second takes out hum of 60 Hz and most noise
         width = max(1, round(rate / 60.0))
@@ -187,7 +183,7 @@ class _Bench:
         outside = np.flatnonzero(np.abs(pressed[peak:]) > 0.1 * abs(pressed[peak]))
         recovery = (peak + (outside[-1] + 1 if outside.size else 0)) / rate
         free = self._free(force) / gain
-        self._play(None, 1.0)
+        self._play(np.zeros(second))
         return Press(
             peak_mm=float(abs(pressed[peak])),
             left_mm=abs(float(np.mean(moved[second - second // 20 : second]))),
@@ -207,7 +203,7 @@ class _Bench:
         count = round(10.0 * rate)
         angle = 2.0 * np.pi * np.outer(np.arange(count), lines) / rate + phase
         force = np.cos(angle) @ size
-        position, _ = self._play(force * ramps(count, rate, 0.2))
+        position = self._play(force * ramps(count, rate, 0.2))
         kept = slice(round(1.5 * rate), round(9.5 * rate))
         measured = lock_in(position[kept], lines, rate, start=kept.start)
         free = through * size
