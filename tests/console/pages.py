@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tactuator.console import rig_connection
-from tactuator.console.app import build_console
+from tactuator.console.page_server import build_console
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import ConsoleState
 from tactuator.io.shipped import EXAMPLES

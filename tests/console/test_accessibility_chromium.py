@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tactuator.console.app import build_console
-from tactuator.console.connection import VIEWS
+from tactuator.console.page_connection import VIEWS
+from tactuator.console.page_server import build_console
 from tactuator.console.state import ConsoleState
 from tests.console.pages import TOKEN, go
 from tests.web.server import served

@@ -5,7 +5,7 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from tactuator.console.app import build_console
+from tactuator.console.page_server import build_console
 from tactuator.console.state import ConsoleState
 from tests.console.pages import ONE, TOKEN, console_page, go, pressed, tab_to
 from tests.web.server import served

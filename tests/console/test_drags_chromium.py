@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from tactuator.console.app import build_console
+from tactuator.console.page_server import build_console
 from tactuator.console.state import ConsoleState
 from tests.browser import drawn
 from tests.console.pages import TOKEN, address_of, go

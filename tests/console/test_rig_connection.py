@@ -9,7 +9,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tactuator.console.app import build_console
+from tactuator.console.page_server import build_console
 from tactuator.console.state import ConsoleState
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store, sessions_of

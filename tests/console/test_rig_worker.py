@@ -13,7 +13,6 @@ from tactuator.console.console_rig import ConsoleRig
 from tactuator.console.generator import GeneratorWave
 from tactuator.console.rig_calls import MeasureSettings, Points, RigStatus
 from tactuator.console.rig_process import RigProcess
-from tactuator.console.rig_session import Controls, Page
 from tactuator.console.rig_worker import WAITING_MAX, RigWorker
 from tactuator.errors import BadInput, DeviceFault, TimingMissed
 from tactuator.experiment.presenter import Halted, Presenter
@@ -105,9 +104,6 @@ def test_order__that_cannot_be_obeyed__is_refused_in_words_and_what_goes_on_goes
     for call, words in (
         (("live",), "no controller is loaded"),
         (("generate", TONE), "the rig is not live"),
-        (("touch", "index", "elbow"), "load 'elbow' is not described"),
-        (("touch", "toe", None), "channel 'toe' is not there"),
-        (("press", "toe", 1.0), "channel 'toe' is not there"),
         (loud, "-60 to 55 dB SL for tone"),
     ):
         if call is loud:
@@ -335,18 +331,3 @@ def test_console_rig__whose_process_ends__is_a_fault(controller):
         rig.play(wave(10))
     host.status = RigStatus(mode="gone")
     rig.rest()
-    controls, page, other = Controls(), Page(), Page()
-    controls.enter(page)
-    with pytest.raises(BadInput, match="another page has the controls"):
-        controls.reserve(lambda: None)
-    controls.give(page)
-    controls.reserve(lambda: None)
-    controls.enter(other)
-    for attempt in (controls.take, controls.require):
-        with pytest.raises(BadInput, match="an experiment has the rig"):
-            attempt(page)
-    with pytest.raises(BadInput, match="end that one first"):
-        controls.reserve(lambda: None)
-    controls.free()
-    controls.take(other)
-    assert controls.holder is other

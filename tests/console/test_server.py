@@ -21,9 +21,9 @@ import pytest
 import uvicorn
 from fastapi import FastAPI
 
-from tactuator.console import app as console
-from tactuator.console.app import build_console, static_file
-from tactuator.console.connection import REQUESTS as FUNCTIONS
+from tactuator.console import page_server as console
+from tactuator.console.page_connection import REQUESTS as FUNCTIONS
+from tactuator.console.page_server import build_console, static_file
 from tactuator.console.requests import bound, requested
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput

@@ -13,10 +13,10 @@ from scipy import signal
 
 from tactuator.cli.main import main
 from tactuator.console import display_view, identify_view, prefilter_view, speech_view
-from tactuator.console.app import build_console
 from tactuator.console.display_view import with_literal
 from tactuator.console.loop_chart import channel_figures
 from tactuator.console.loop_shape import LoopShape
+from tactuator.console.page_server import build_console
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput
 from tactuator.io.controller import controller_text, read_controller

@@ -43,7 +43,7 @@ FORKS.set_forkserver_preload(
     [
         "tactuator.cli.main",
         "tactuator.web.serve",
-        "tactuator.console.app",
+        "tactuator.console.page_server",
         "uvicorn.protocols.http.h11_impl",
         "uvicorn.protocols.websockets.websockets_sansio_impl",
         "tactuator.web.server",

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import AllowedHosts, Host, Place, Seed, TlsCertificate, TlsKey
-from tactuator.console.app import ConsoleServer, build_console
+from tactuator.console.page_server import ConsoleServer, build_console
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.state import FILE, ConsoleState
 from tactuator.errors import BadInput

@@ -4,7 +4,7 @@ import { COARSE, colour, digits, draggable, draw, large, make } from "./dom.js";
 const HEADER = 64;
 export const HUES = ["nominal", "load", "load2", "sense"];
 
-// A frame of the server, see frames.py.
+// A frame of the server, see HEADER in scope.py.
 export function frameOf(buffer) {
   const ints = new Uint32Array(buffer, 0, 4), rows = new Float64Array(buffer, 16, 4), told = new Uint32Array(buffer, 48, 4);
   const [number, columns, series, values] = ints, [first, step, end, crossing] = rows, [dropped, lost, limited, done] = told;

@@ -15,12 +15,12 @@ from importlib.resources import files
 import uvicorn
 from fastapi import FastAPI, Request, Response, WebSocket
 
-from tactuator.console.connection import ConsoleConnection
+from tactuator.console.experiment_view import StudyAtRig
+from tactuator.console.page_connection import ConsoleConnection
 from tactuator.console.rig_connection import RigConnection
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import RigSession
 from tactuator.console.state import ConsoleState
-from tactuator.console.study import StudyAtRig
 from tactuator.console.uploads import add_file_routes, bears_token
 from tactuator.web.pages import HEADERS, answer_plainly, file_response, plain_text
 from tactuator.web.pages import static_file as shared_file

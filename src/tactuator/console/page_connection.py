@@ -11,7 +11,7 @@ from fastapi import WebSocket
 from pydantic import Field
 
 from tactuator.api.controller import check
-from tactuator.console import display_view, identify_view, prefilter_view, speech_view, study
+from tactuator.console import display_view, experiment_view, identify_view, prefilter_view, speech_view
 from tactuator.console.fields import CHANNELS_MAX, Finite, Name
 from tactuator.console.loop_chart import frame, ground, settled_figures, verdict_rows
 from tactuator.console.loop_shape import LoopShape, drag_ranges, shape_of, with_point_at
@@ -30,7 +30,7 @@ VIEWS = (
     View("loop", "Loop", of_display=True),
     prefilter_view.VIEW,
     speech_view.VIEW,
-    study.VIEW,
+    experiment_view.VIEW,
     View("response", "Response", of_rig=True),
     View("scope", "Scope", of_rig=True),
 )
