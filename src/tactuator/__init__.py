@@ -25,7 +25,7 @@ _CHAIN = (
             "signals.loop": ("UnstableLoop",),
             "measure.open_loop": ("NoEqualiser",),
             "rig.transport": ("LinkDown",),
-            "rig.board.link": ("LinkGarbled", "RigFault", "RigLocked"),
+            "rig.board.link": ("LinkGarbled", "RigFault", "RigIncomplete", "RigLocked"),
             "rig.board.stream": ("StreamDry",),
             "rig.sound.stream": ("CardGone", "SoundGap"),
         },

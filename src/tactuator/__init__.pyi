@@ -33,6 +33,7 @@ from tactuator.measure.open_loop import NoEqualiser as NoEqualiser
 from tactuator.paper.reproduce import reproduce as reproduce
 from tactuator.rig.board.link import LinkGarbled as LinkGarbled
 from tactuator.rig.board.link import RigFault as RigFault
+from tactuator.rig.board.link import RigIncomplete as RigIncomplete
 from tactuator.rig.board.link import RigLocked as RigLocked
 from tactuator.rig.board.stream import StreamDry as StreamDry
 from tactuator.rig.open import open_rig as open_rig

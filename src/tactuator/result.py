@@ -107,6 +107,12 @@ class Column:
         return f"{value:{self.form}}" if isinstance(value, float) else str(value)
 
 
+def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[Column]:
+    """Return the columns of a table that data alone has, from its rows."""
+    cells = [[value.item() if hasattr(value, "item") else value for value in row] for row in rows]
+    return [Column(name, [row[k] for row in cells]) for k, name in enumerate(names)]
+
+
 def text_table(columns: Sequence[Column], caption: str = "", notes: Sequence[str] = ()) -> ResultTable:
     """Return the columns that text has."""
     shown = [column for column in columns if column.words]
@@ -272,9 +278,3 @@ def in_a_line(kind: str, figures: Mapping[str, str]) -> str:
 
 def _name(result: Result) -> str:
     return type(result).__name__.removesuffix("Result")
-
-
-def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, list[Any]]:
-    """Return the columns of a table from its rows."""
-    cells = [[value.item() if hasattr(value, "item") else value for value in row] for row in rows]
-    return {name: [row[k] for row in cells] for k, name in enumerate(names)}

@@ -1,13 +1,12 @@
 """The result of `crosstalk`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from typing import Any
 
 import numpy as np
 
 from tactuator.measure.crosstalk import Crosstalk, FeltLevel
-from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, ResultTable, columns_of, found
+from tactuator.result import FREQUENCY, Chart, ChartLine, Column, Fact, Result, ResultTable, columns_of, found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,7 +44,7 @@ class CrosstalkResult(Result):
             *([f"a limit was reached at {', '.join(f'{hz:.4g}' for hz in cut)} Hz: a lower level"] if cut else []),
         ]
 
-    def columns(self) -> Mapping[str, Any]:
+    def table(self) -> Sequence[Column]:
         cells = [
             (row.driven, row.frequency_hz, name, *_numbers(level))
             for row in self.rows

@@ -322,12 +322,14 @@ class StoreThresholds(Result):
     def _simulated(self) -> bool:
         return any(each.simulated for each in self.results.thresholds)
 
-    def columns(self) -> Mapping[str, Any]:
+    def table(self) -> Sequence[Column]:
         thresholds = self.results.thresholds
         names = ("subject", "finger", "frequency_hz", "refit_db_sl", "refit_low_db_sl", "refit_high_db_sl", "trials")
-        columns = {name: [getattr(threshold, name) for threshold in thresholds] for name in names}
-        columns["flags"] = [", ".join(threshold.flags) for threshold in thresholds]
-        return columns | {"simulated": ["simulated" if threshold.simulated else "" for threshold in thresholds]}
+        return [
+            *(Column(name, [getattr(threshold, name) for threshold in thresholds]) for name in names),
+            Column("flags", [", ".join(threshold.flags) for threshold in thresholds]),
+            Column("simulated", ["simulated" if threshold.simulated else "" for threshold in thresholds]),
+        ]
 
     def chart(self) -> Chart:
         curves = []

@@ -110,7 +110,7 @@ class FeltLevels(Result):
         path = self.written
         return f'measured = "{path.name}" under [environment] judges by what was measured' if path else ""
 
-    def columns(self) -> Mapping[str, Any]:
+    def table(self) -> Sequence[Column]:
         rows = [
             (felt.channel, hertz, level)
             for felt in self.channels

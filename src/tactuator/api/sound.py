@@ -1,11 +1,11 @@
 """Displays on sound cards: the subcommands of `sound`, and `calibrate-display`."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from tactuator.measure.open_loop import Calibrated, CalibrationRequest, NoEquali
 from tactuator.model.description import Display
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.plain import picked
-from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
+from tactuator.result import Chart, ChartLine, Column, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound.cards import Card, Delay, full_scale_v, list_cards, measure_delay, tone, wire_display
 from tactuator.rig.sound.rig import SoundRig
@@ -184,7 +184,7 @@ class EqualisedResult(Result):
             *data({"gaps": self.gaps, "channels": channels}),
         ]
 
-    def columns(self) -> Mapping[str, Any]:
+    def table(self) -> Sequence[Column]:
         rows = [
             (channel.name, *row)
             for channel in self.calibrated.channels

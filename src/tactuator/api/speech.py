@@ -29,7 +29,7 @@ from tactuator.api.progress import working
 from tactuator.errors import BadInput
 from tactuator.io.reference import open_reference
 from tactuator.perception.curve import COMFORT_DB_SL
-from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, columns_of, data, found
+from tactuator.result import Chart, ChartLine, Column, Fact, Result, ResultTable, columns_of, data, found
 from tactuator.rig.player import Played, Wish, play_reference
 from tactuator.rig.simulated import PacedRig
 from tactuator.rig.sound.rig import SoundRig
@@ -82,11 +82,11 @@ class RenderResult(Result):
     def notices(self) -> Sequence[str]:
         return self.rendered.notes
 
-    def columns(self) -> Mapping[str, Any]:
+    def table(self) -> Sequence[Column]:
         loss = self.rendered.loss
         if loss is None:
             return columns_of(("finger", "peak_db_sl"), self.rendered.peak_db_sl.items())
-        return {name: getattr(loss, name) for name in ("time_s", "asked_db_sl", "delivered_db_sl")}
+        return [Column(name, getattr(loss, name)) for name in ("time_s", "asked_db_sl", "delivered_db_sl")]
 
     def chart(self) -> Chart:
         peaks, felt, loss = self.rendered.peak_db_sl, self.rendered.felt, self.rendered.loss

@@ -1,10 +1,10 @@
 """Subcommands of `experiment` on judging tasks: contours of a store's matches, and the results of any task."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tactuator import report
 from tactuator.api.option import Argument, Option
@@ -21,7 +21,7 @@ from tactuator.experiment.task.task import Task
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import resolve_curve, write_contours
 from tactuator.perception.contours import Contours
-from tactuator.result import NOBODY_FELT_IT, Chart, ChartLine, Fact, Result, ResultTable, columns_of, found
+from tactuator.result import NOBODY_FELT_IT, Chart, ChartLine, Column, Fact, Result, ResultTable, columns_of, found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +72,7 @@ class StoreContours(Result):
             raise BadInput("no matches on the standard's own finger", "contours of some")
         return group, group.low_db_sl, group.high_db_sl
 
-    def columns(self) -> Mapping[str, Any]:
+    def table(self) -> Sequence[Column]:
         names = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl", "simulated")
         last = "simulated" if self.results.simulated else ""
         return columns_of(names, [(*row, last) for row in self._rows()])

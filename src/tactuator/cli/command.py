@@ -32,7 +32,6 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
     signature = inspect.signature(function)
     options = {name: option_in(parameter.annotation) for name, parameter in signature.parameters.items()}
     known = {name: option for name, option in options.items() if option is not None}
-    ends = signature.return_annotation is not None
 
     def command(**given: Any) -> None:
         as_json, full = given.pop("as_json", False), given.pop("full", False)
@@ -63,7 +62,7 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
             raise typer.Exit(DOES_NOT_HOLD)
 
     parameters = [_typer_parameter(signature.parameters[name], option, name) for name, option in known.items()]
-    if ends:
+    if signature.return_annotation is not None:
         parameters += [_typer_parameter(_SWITCH, option, name) for name, option in _ANSWERS.items()]
     command.__name__ = function.__name__
     command.__doc__ = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
@@ -78,7 +77,8 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
     default = parameter.default if option.shell is AS_IN_PYTHON else option.shell
     required = default is inspect.Parameter.empty or default is ...
     annotation = get_args(parameter.annotation)[0] if get_origin(parameter.annotation) else parameter.annotation
-    kind = option.type or (_path_type(required or default is not None) if option.file or option.writes else annotation)
+    path = Path if required or default is not None else Path | None
+    kind = option.type or (path if option.file or option.writes else annotation)
     more: dict[str, Any] = {"help": option.help, "metavar": option.metavar}
     if option.ge is not None or option.le is not None:
         more |= {"min": option.ge, "max": option.le}
@@ -88,10 +88,6 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
         names = option.names or (f"--{name.replace('_', '-')}",)
         spelled = typer.Option(... if required else default, *names, **more)
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=spelled, annotation=kind)
-
-
-def _path_type(certain: bool) -> Any:
-    return Path if certain else Path | None
 
 
 def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:

@@ -10,7 +10,6 @@ from tactuator.errors import BadInput, within
 from tactuator.io.atomic import write_text
 from tactuator.io.display import parse_display
 from tactuator.io.kinds import read_document
-from tactuator.io.text import read_json
 from tactuator.model.controller import FORMAT, ChannelController, Controller
 from tactuator.model.description import document_hash
 from tactuator.parameters import from_table
@@ -29,7 +28,7 @@ def controller_text(controller: Controller) -> str:
 def read_controller(path: str | Path) -> Controller:
     """Read controller.json; BadInput, one line, if it is not one, or was changed by hand."""
     path = Path(path)
-    document = read_document(path, "controller", FORMAT, read_json)
+    document = read_document(path, "controller", FORMAT)
     with within(f"controller {path}"):
         try:
             return parse_controller(document)

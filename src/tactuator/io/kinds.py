@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,13 +137,12 @@ def require_kind(path: Path, *wanted: str) -> None:
         raise BadInput(f"this is {is_.words}: {is_.goes}", allowed, where=(f"{path}",))
 
 
-def read_document(path: Path, kind: str, form: str, read: Callable[[Path], Any] = read_finite_json) -> dict[str, Any]:
+def read_document(path: Path, kind: str, form: str) -> dict[str, Any]:
     """Return the JSON document of a file of that kind, with that `format`. Raises BadInput for any other file."""
     require_kind(path, kind)
     with within(f"{kind} {path}"):
-        document = read(path)
-        got = document.get("format") if isinstance(document, dict) else None
-        if got != form:
-            raise BadInput(repr(got), repr(form), key="format")
-    known: dict[str, Any] = document
-    return known
+        content = read_finite_json(path)
+        document: dict[str, Any] = content if isinstance(content, dict) else {}
+        if document.get("format") != form:
+            raise BadInput(repr(document.get("format")), repr(form), key="format")
+    return document

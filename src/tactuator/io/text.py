@@ -67,18 +67,8 @@ def read_text(path: Path) -> str:
         raise BadInput("it is not text") from None
 
 
-def read_json(path: Path) -> Any:
-    """Return the content of a JSON file. Raises BadInput, with the reason alone, as `read_text` and for other text."""
-    try:
-        return json.loads(read_text(path))
-    except BadInput:
-        raise
-    except (ValueError, RecursionError):
-        raise BadInput("it is not JSON") from None
-
-
 def read_finite_json(path: Path) -> Any:
-    """Return the content of a JSON file in which no number is NaN or infinite. Raises BadInput as `read_json`."""
+    """Return the content of a JSON file without NaN or infinities. Raises BadInput, the reason alone, otherwise."""
     return parse_finite_json(read_text(path))
 
 
