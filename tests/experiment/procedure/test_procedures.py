@@ -253,11 +253,6 @@ def test_whole_curve__person_outside_the_prior__stays_inside_the_band(curve_db: 
     assert (quality.flags.get("chance", 0.0), quality.people) == (0.0, "theirs")
 
 
-def test_whole_curve__guessers__are_flagged() -> None:
-    guessers = simulate(WholeCurve(60), Setting(2, seed=3, guessed=1.0))
-    assert guessers.flags["chance"] == guessers.flagged == 1.0
-
-
 def test_whole_curve__before_any_trial__is_the_prior() -> None:
     prior = CurvePrior()
     read = WholeCurve().begin().belief.curve([1.0, 11.0, 200.0])

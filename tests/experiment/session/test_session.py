@@ -2,7 +2,6 @@
 
 import gc
 import json
-import sqlite3
 from contextlib import closing
 
 import numpy as np
@@ -130,22 +129,6 @@ def test_answer__disk_full__is_not_acknowledged_and_may_come_again(store, clock)
         answer = records.Answer(response_of(stands.trial), clock.utc())
         assert presented.answer(answer).number == stands.trial.number
         assert len(stored(store)) == len(acknowledged) + 1
-
-
-def test_answer__database_locked__is_told_and_may_come_again(store, clock) -> None:
-    presented = begin(store, clock)
-    presented.present(nobody)
-    with store.engine.connect() as connection:
-        connection.exec_driver_sql("PRAGMA busy_timeout = 1")
-    other = sqlite3.connect(store.path, isolation_level=None)
-    other.execute("BEGIN IMMEDIATE")
-    answer = records.Answer("1", clock.utc())
-    with pytest.raises(StoreFault, match="locked"):
-        presented.answer(answer)
-    other.execute("ROLLBACK")
-    other.close()
-    assert presented.answer(answer).number == 0
-    assert len(stored(store)) == 1
 
 
 def test_answer__amiss_or_sent_again__is_refused_or_stored_once(store, clock) -> None:

@@ -14,7 +14,7 @@ from sqlalchemy import Connection, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import PlayedInterval, Presenter, Watch, amplitude
-from tactuator.experiment.procedure.procedure import Playable, Runs
+from tactuator.experiment.procedure.procedure import Playable
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.study import PlannedRun
@@ -25,7 +25,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import PlayedTrial
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import answered_runs, detection_runs
-from tactuator.experiment.task.task import Picture, Place, TaskState
+from tactuator.experiment.task.task import Place, ProcedureState, TaskState
 from tactuator.experiment.trial import BLANK, LOUD, SIGNAL, IntervalRecord, Timing, Tone, Trial, trial_rng
 from tactuator.measure.error import reading_doubt_db
 from tactuator.perception.curve import COMFORT_DB_SL
@@ -240,7 +240,7 @@ class DetectionTask(ToneTask):
         protocol, playable = self.protocol, self.apparatus.playable(self.protocol.timing)
         procedure = protocol.begin_practice() if planned.practice else protocol.begin(playable)
         seed = protocol.run_seed(subject, planned.position, attempt, visit)
-        return DetectionState(seed, protocol, planned, procedure)
+        return DetectionState(seed, procedure, protocol, planned)
 
     def reference(self, following: NextTrial, interval: int) -> FloatArray:
         reference, masker = super().reference(following, interval), self.protocol.masker
@@ -256,20 +256,11 @@ class DetectionTask(ToneTask):
 
 
 @dataclass
-class DetectionState(TaskState):
-    """State of one run, placed by its procedure: each trial's frequency is the run's unless that chooses it too."""
+class DetectionState(ProcedureState):
+    """State of one run: each trial's frequency is the run's unless the procedure chooses it too."""
 
     protocol: Protocol
     planned: PlannedRun
-    procedure: Runs
-
-    @property
-    def share_done(self) -> float:
-        return self.procedure.progress()
-
-    @property
-    def passed(self) -> bool:
-        return self.procedure.passed
 
     def draw(self, number: int) -> Trial | None:
         """Return the trial where the procedure puts it, a catch trial by the lot of its number, or None at the end."""
@@ -285,8 +276,6 @@ class DetectionState(TaskState):
         return self.protocol.paradigm.trial(number, self.planned.finger, placement, self.seed, label)
 
     def learn(self, trial: Trial, response: str, correct: bool) -> None:
+        """Move the procedure on, unless it was a catch trial."""
         if SIGNAL in trial.stimuli:
-            self.procedure.record(correct)
-
-    def picture(self) -> Picture:
-        return {**super().picture(), **self.procedure.picture()}
+            super().learn(trial, response, correct)

@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Placement, Procedure, Runs, parse_procedure
+from tactuator.experiment.procedure.procedure import Placement, Procedure, parse_procedure
 from tactuator.experiment.procedure.refit import RefitPrior, refit
 from tactuator.experiment.procedure.up_down import UpDown
 from tactuator.experiment.task.estimate import Measured
-from tactuator.experiment.task.task import AnsweredRun, Place, Planned, Task, TaskPrompt, TaskState
+from tactuator.experiment.task.task import AnsweredRun, Place, Planned, ProcedureState, Task, TaskPrompt
 from tactuator.experiment.trial import Tone, Trial, trial_rng
 from tactuator.experiment.words import Words
 from tactuator.parameters import NotNegative, Positive, Whole, kept_by, table
@@ -105,7 +105,7 @@ class Discrimination(Task):
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> DiscriminationRun:
         finger, hertz, level = self._cells()[index]
         procedure = self.rule(level).begin(self.guess, place.playable)
-        return DiscriminationRun(seed, self, finger, hertz, level, place, procedure)
+        return DiscriminationRun(seed, procedure, self, finger, hertz, level, place)
 
     def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
         if self.of != "amplitude":
@@ -157,7 +157,7 @@ class Difference:
 
 
 @dataclass
-class DiscriminationRun(TaskState):
+class DiscriminationRun(ProcedureState):
     """One run: the procedure places the difference."""
 
     task: Discrimination
@@ -165,11 +165,6 @@ class DiscriminationRun(TaskState):
     frequency_hz: float
     level_db_sl: float
     place: Place
-    procedure: Runs
-
-    @property
-    def share_done(self) -> float:
-        return self.procedure.progress()
 
     def draw(self, number: int) -> Trial | None:
         placement = self.procedure.placement()
@@ -192,9 +187,6 @@ class DiscriminationRun(TaskState):
             for i in range(task.intervals)
         ]
         return Trial.of(number, intervals, names, names[target], at)
-
-    def learn(self, trial: Trial, response: str, correct: bool) -> None:
-        self.procedure.record(correct)
 
     def _tone(self, role: str, finger: str | None = None, level: float | None = None) -> Tone:
         lasts_s = self.place.timing.duration_s(self.frequency_hz)

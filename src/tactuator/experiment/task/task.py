@@ -14,7 +14,7 @@ from typing import Any
 
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.procedure.procedure import Playable, Runs
 from tactuator.experiment.trial import Timing, Tone, Trial, number_of
 from tactuator.experiment.words import Words
 from tactuator.parameters import from_table, table
@@ -104,6 +104,31 @@ class TaskState:
         """Return the run so far as an operator's page draws it: the level and outcome of every trial."""
         levels = [0.0 if trial.placement is None else trial.placement.level_db_sl for trial, _, _ in self.answered]
         return {"kind": "track", "levels_db_sl": levels, "correct": [right for _, _, right in self.answered]}
+
+
+@dataclass
+class ProcedureState(TaskState):
+    """State of a run whose trials a procedure places; a kind of run has `draw`."""
+
+    procedure: Runs
+
+    @property
+    def share_done(self) -> float:
+        """The progress of the procedure."""
+        return self.procedure.progress()
+
+    @property
+    def passed(self) -> bool:
+        """False for practice that has not met its criterion, True otherwise."""
+        return self.procedure.passed
+
+    def learn(self, trial: Trial, response: str, correct: bool) -> None:
+        """Move the procedure on."""
+        self.procedure.record(correct)
+
+    def picture(self) -> Picture:
+        """Return the level and outcome of every trial, or what else the procedure draws."""
+        return {**super().picture(), **self.procedure.picture()}
 
 
 @dataclass(frozen=True)
