@@ -2,32 +2,34 @@
 
 import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tactuator.api.parameters import paper_display
+from tactuator.api.speech import speech_source
+from tactuator.paper.measured import LOADED, UNLOADED, worst_error_db
 from tactuator.paper.plan import LEVELS_DB_SL, Plan
 from tactuator.paper.report import figures
-from tactuator.paper.run import run_study
-from tactuator.paper.steps import LOADED, UNLOADED, check_speech, worst_error_db
-from tactuator.paper.summary import comparison, upper_db
+from tactuator.paper.study import run_study
+from tactuator.paper.summary import HEADS, comparison, upper_db
 
 README = Path(__file__).resolve().parent.parent / "README.md"
-PICTURES = {"fig02": "equality.svg", "default-finger": "felt-touched.svg"}
+PICTURES = {"fig02": "equality.svg", "fig10": "felt-touched.svg"}
 MARK = "<!-- paper-here -->"
 SENTENCE = "<!-- measured -->"
 
 
 def main():
     """Replace the picture, and what stands between the marks."""
-    plan = Plan(paper_display())
-    study = run_study(plan, check_speech(plan), lambda step, done: None)
+    with TemporaryDirectory() as folder:
+        study = run_study(Plan(paper_display()), Path(folder), speech_source(None), lambda step, done: None)
     for figure in figures(study):
         if figure.name in PICTURES:
             (README.parent / "docs" / "figures" / PICTURES[figure.name]).write_text(figure.svg(), encoding="utf-8")
     rows = "".join(f"| {' | '.join(row)} |\n" for row in comparison(study))
-    table = f"{MARK}\n| what | paper (2004) | here |\n|---|---|---|\n{rows}{MARK}"
+    table = f"{MARK}\n| {' | '.join(HEADS)} |\n|---|---|---|---|\n{rows}{MARK}"
     text = README.read_text(encoding="utf-8")
     text = re.sub(f"{MARK}.*{MARK}", lambda _: table, text, flags=re.DOTALL)
-    text = re.sub(f"{SENTENCE}.*{SENTENCE}", lambda _: sentence(study.default), text, flags=re.DOTALL)
+    text = re.sub(f"{SENTENCE}.*{SENTENCE}", lambda _: sentence(study.responses), text, flags=re.DOTALL)
     README.write_text(text, encoding="utf-8")
 
 

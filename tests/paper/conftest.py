@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from tactuator.api.parameters import paper_display
+from tactuator.api.speech import speech_source
 from tactuator.cli import main
 from tactuator.paper import reproduce as command
 from tactuator.paper.plan import Plan
-from tactuator.paper.run import PaperStudy, run_study
-from tactuator.paper.steps import check_speech
+from tactuator.paper.study import PaperStudy, run_study
 from tactuator.report.figure import ReportFigure
 
 
@@ -24,9 +24,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def study() -> PaperStudy:
-    plan = Plan(paper_display())
-    return run_study(plan, check_speech(plan), lambda step, done: None)
+def study(tmp_path_factory: pytest.TempPathFactory) -> PaperStudy:
+    folder = tmp_path_factory.mktemp("study")
+    return run_study(Plan(paper_display()), folder, speech_source(None), lambda step, done: None)
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,6 @@ def reproduced(study: PaperStudy, tmp_path_factory: pytest.TempPathFactory) -> R
         patch.setattr(
             ReportFigure, "svg", lambda figure: draw(figure) if figure.name == "fig01" else f"of {figure.name}"
         )
-        patch.setattr(command, "run_study", lambda plan, file, tell: study)
+        patch.setattr(command, "run_study", lambda plan, folder, file, tell: study)
         assert main(["reproduce", "--json", "--out", str(folder)]) == 0
     return Reproduced(folder, printed.getvalue())

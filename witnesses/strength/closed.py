@@ -33,7 +33,7 @@ from tactuator.experiment.trial import Trial
 from tactuator.io.csv_tables import read_contours, write_contours
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display, Strength
-from tactuator.paper.run import default_display
+from tactuator.paper.plan import default_display
 from tactuator.perception.contours import Contours
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.synthesis.design import design_controller

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactuator.paper.run import DEFAULT_POLES, default_display
+from tactuator.paper.plan import DEFAULT_POLES, default_display
 from tactuator.synthesis.design import design_controller
 from witnesses.touch import felt
 from witnesses.touch.device import Device

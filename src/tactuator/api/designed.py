@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -16,6 +16,7 @@ from tactuator.arrays import ComplexArray
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.printed import design_rows, printed_factors
@@ -32,6 +33,11 @@ class ControllerResult(Result, Controller):
     def of(cls, controller: Controller) -> Self:
         """Return a controller with its verdict, response and file, which rooms below the model do not know."""
         return cls(**{field.name: getattr(controller, field.name) for field in fields(controller)})
+
+    def on(self, display: Display) -> Self:
+        """Return the controller on another display. Raises BadInput for one that it cannot run."""
+        self.require_runs(display)
+        return self.of(replace(self, display=display))
 
     @cached_property
     def verdict(self) -> Verdict:

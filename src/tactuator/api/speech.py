@@ -36,6 +36,7 @@ from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.folder import RenderedFolder, render_folder, workers_of
 from tactuator.speech.options import CODING, LEVEL_DB_SL
+from tactuator.speech.reading import sample_path, scan_speech
 from tactuator.speech.render import Rendered, RenderJob, kind_of_source, render_file
 from tactuator.speech.taps import read_layout
 
@@ -160,6 +161,11 @@ class FolderResult(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         return [*(f"failed: {failure['error']}" for failure in self.folder.failures), *self._short()]
+
+
+def speech_source(path: Place | None) -> Path:
+    """Return a file of speech, read through, or the shipped sample. Raises BadInput for what cannot be rendered."""
+    return scan_speech(sample_path() if path is None else path).path
 
 
 def render(

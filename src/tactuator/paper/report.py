@@ -14,27 +14,24 @@ from string import Template
 import numpy as np
 
 from tactuator import __version__
-from tactuator.experiment.result.store_results import PersonThresholds
-from tactuator.model.verdict import Finding, Objective
-from tactuator.paper.run import PaperStudy
-from tactuator.paper.steps import LOADED, UNLOADED, ResponsePoint, sampled_loop, worst_error_db
-from tactuator.paper.summary import comparison, summary_text
-from tactuator.paper.thresholds import bias_and_spread_db, expected_bias_db
+from tactuator.paper.measured import LOADED, UNLOADED, of, worst_error_db
+from tactuator.paper.people import errors_db, expected_bias_db, over_fingers, standard_error_db
+from tactuator.paper.printed import CHANNEL
+from tactuator.paper.study import PaperStudy
+from tactuator.paper.summary import HEADS, comparison, printed_error_db, summary_text
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.report.configuration import loop_figure, mechanism_figure, processor_figure
-from tactuator.report.design_figures import prefilter_figure, resolution_figure
+from tactuator.report.design_figures import loop_shape_figure, prefilter_figure, resolution_figure
 from tactuator.report.device_figures import (
     LevelResponse,
     calibration_figure,
+    excitation_figure,
     motor_figure,
     noise_figure,
     response_figure,
 )
 from tactuator.report.felt_figures import equality_figure, felt_figure, threshold_figure, thresholds_figure
 from tactuator.report.figure import ReportFigure
-from tactuator.report.nichols import nichols_figure
-from tactuator.speech.options import LEVEL_DB_SL
-from tactuator.synthesis import paper
 
 
 def report_page(study: PaperStudy, figures: Sequence[ReportFigure]) -> str:
@@ -42,27 +39,21 @@ def report_page(study: PaperStudy, figures: Sequence[ReportFigure]) -> str:
     template = Template(files("tactuator.paper").joinpath("report.html").read_text("utf-8"))
     words = {name: escape(f"{value}") for name, value in _words(study).items()}
     drawn = {figure.name.replace("-", "_"): _figure(figure) for figure in figures}
-    objectives = [
-        (objective.number, objective.outcome.value, objective.words, "; ".join(map(_worded, _worst(objective))))
-        for objective in study.verdict.objectives
-    ]
-    file = study.spoken.file
+    speech = study.spoken[0].result
     return template.substitute(
         words,
         **drawn,
-        objectives=_table(("objective", "", "asks", "figures"), objectives),
-        comparison=_table(("", "paper (2004)", "here"), comparison(study)),
-        notes="".join(f"<p>{escape(f'{file.path.name}: {note}.')}</p>" for note in file.notes),
+        comparison=_table(HEADS, comparison(study)),
+        notes="".join(f"<p>{escape(f'{speech.source.name}: {note}.')}</p>" for note in speech.notices()),
     )
 
 
 def _words(study: PaperStudy) -> dict[str, object]:
     """Return what the page's sentences state, by the names of the template."""
-    display, margins, judged, speech = study.plan.display, study.loop, study.prefilters, study.spoken
+    display, first = study.lab.display, study.spoken[0]
     curve = display.channels[0].threshold.curve
-    lost = margins.continuous_margins.phase_margin_deg - margins.sampled_margins.phase_margin_deg
-    slow = [one for one in study.responses if one.load == UNLOADED and one.frequency_hz <= 20.0]
-    bias, spread = bias_and_spread_db(study.thresholds)
+    slow = [run.error_db - run.model_db for run in of(study.responses, UNLOADED, 0.0)]
+    errors = errors_db(study.detected.thresholds)
     return {
         "display": display.name,
         "rate_hz": f"{display.rate_hz:g}",
@@ -70,22 +61,19 @@ def _words(study: PaperStudy) -> dict[str, object]:
         "provenance": curve.provenance,
         "seed": study.plan.seed,
         "comfort": f"{COMFORT_DB_SL:g}",
-        "identified": f"{max(motor.frf_error_db_max for motor in study.motors.values()):.2f}",
-        "lost": f"{lost:.1f}",
-        "paper_error": f"{judged.paper.max_error_db:.1f}",
-        "fitted_error": f"{judged.worst_fitted.max_error_db:.2f}",
-        "friction": f"{-min(one.unpredicted_db for one in slow):.2f}",
-        "loaded": f"{worst_error_db(study.responses, LOADED, 30.0):.1f}",
-        "runs": len(study.thresholds),
-        "bias": f"{bias:+.2f}",
-        "spread": f"{spread:.2f}",
+        "identified": f"{max(study.truth.motor_error_db.values()):.2g}",
+        "design_error": f"{study.truth.design_error_db:.2f}",
+        "paper_error": f"{np.max(np.abs(printed_error_db(study)[1])):.1f}",
+        "friction": f"{-min(float(np.min(part)) for part in slow):.2f}",
+        "printed_loaded": f"{worst_error_db(study.printed_responses, LOADED, 30.0):.1f}",
+        "runs": len(study.detected.thresholds),
+        "bias": f"{errors.mean():+.2f}",
+        "spread": f"{errors.std(ddof=1):.2f}",
         "expected_bias": f"{expected_bias_db(study.plan):+.1f}",
-        "reshaped_error": f"{study.reshaped.max_error_db:.2f}",
-        "speech": speech.file.path.name,
-        "duration": f"{speech.file.duration_s:.1f}",
-        "level": f"{LEVEL_DB_SL:g}",
-        "peak": f"{speech.report.peak_db_sl:.0f}",
-        "rms": f"{speech.report.worst_rms_db:.2f}",
+        "reshaped_error": f"{study.reshaped_error_db:.2f}",
+        "speech": first.result.source.name,
+        "duration": f"{first.result.rendered.duration_s:.1f}",
+        "peak": f"{first.report.peak_db_sl:.0f}",
         "version": __version__,
     }
 
@@ -114,115 +102,81 @@ def _figure(figure: ReportFigure) -> str:
     )
 
 
-def _worst(objective: Objective) -> list[Finding]:
-    worst: dict[str, Finding] = {}
-    for finding in objective.worst():
-        known = worst.get(finding.quantity)
-        if known is None or finding.excess > known.excess:
-            worst[finding.quantity] = finding
-    return list(worst.values())
-
-
-def _worded(finding: Finding) -> str:
-    if finding.value is None:
-        return f"{finding.quantity}: {finding.outcome}, {finding.remark}"
-    unit = f" {finding.unit}" if finding.unit else ""
-    at = "" if finding.frequency_hz is None else f" at {finding.frequency_hz:.3g} Hz"
-    remark = f"; {finding.remark}" if finding.remark else ""
-    value = f"{finding.quantity} {finding.figure}{at}, {finding.channel}"
-    return f"{value} (allowed {finding.allowed:g}{unit}){remark}"
-
-
 def figures(study: PaperStudy) -> tuple[ReportFigure, ...]:
-    """Return the figures: fig01 to fig12 as in the paper, then noise, prefilter, resolution, reshaped response."""
-    display, flatness_db = study.plan.display, study.plan.display.objectives.flatness_db
-    first = display.channels[0]
-    curve = first.threshold.curve
+    """Return the figures: fig01 to fig12 as in the paper, and those that the paper has not."""
+    lab, controller, display = study.lab, study.lab.controller, study.lab.display
+    flatness_db, first = display.objectives.flatness_db, display.channels[0]
+    curve, name = first.threshold.curve, first.name
     band = np.geomspace(*first.threshold.band_hz, 400)
-    motor = study.motors[first.name].estimate.model
-    identified = replace(first, plant=motor)
+    probed = {gain: felt[0] for gain, felt in lab.noise.runs[:-1]}
+
+    def responses(runs: Sequence[LevelResponse], condition: str, name: str) -> ReportFigure:
+        return response_figure(runs, condition, name, flatness_db)
+
+    def under(load: str) -> list[LevelResponse]:
+        return [run for run in study.responses if run.load == load]
+
+    def printed(load: str) -> list[LevelResponse]:
+        return [run for run in study.printed_responses if run.load == load]
+
+    errors = {
+        "the paper's F": printed_error_db(study),
+        "ours": (band, 20.0 * np.log10(np.abs(controller.response(name, band)) / first.prefilter_voltage(band))),
+    }
     return (
         threshold_figure(curve),
-        equality_figure(first, band, study.controller.response(first.name, band), name="fig02"),
-        mechanism_figure(identified),
-        motor_figure(
-            study.open_loop.frequency_hz, study.open_loop.response[first.name], motor, display.rate_hz, first.name
-        ),
-        calibration_figure(study.calibration),
-        loop_figure(first, paper.FEEDBACK, study.controller.channels[0].prefilter(display.rate_hz)),
-        _nichols(study),
-        processor_figure(study.controller),
-        response_figure(_runs(study.responses, UNLOADED), "unloaded", "fig09", flatness_db),
-        response_figure(_runs(study.responses, LOADED), "with a finger", "fig10", flatness_db),
-        response_figure(_runs(study.default, UNLOADED), "the default, unloaded", "default", flatness_db),
-        response_figure(_runs(study.default, LOADED), "the default, with a finger", "default-finger", flatness_db),
+        equality_figure(first, band, controller.response(name, band), name="fig02"),
+        mechanism_figure(first),
+        excitation_figure(lab.records[name], name),
+        motor_figure(lab.motors[name], name, display.rate_hz),
+        calibration_figure(lab.calibrations),
+        loop_figure(controller, name),
+        loop_shape_figure(controller, name, "fig07", "Loop shaping in the Nichols chart"),
+        loop_shape_figure(study.printed, CHANNEL, "printed-loop", "The paper's printed C in the Nichols chart"),
+        processor_figure(controller),
+        responses(under(UNLOADED), "unloaded", "fig09"),
+        responses(under(LOADED), "with a finger", "fig10"),
+        responses(printed(UNLOADED), "the paper's printed F and C, unloaded", "printed"),
+        responses(printed(LOADED), "the paper's printed F and C, with a finger", "printed-finger"),
         _thresholds(study),
-        felt_figure(study.spoken.report, study.spoken.file.path.name),
-        noise_figure(
-            {gain: levels.runs[0][1][0] for gain, levels in study.noise.proportional.items()},
-            study.noise.designed.channels[0],
+        *(
+            felt_figure(spoken.report, f"{spoken.result.source.name}, coding {spoken.coding}", figure)
+            for spoken, figure in zip(study.spoken, ("fig12", "speech-bands"), strict=True)
         ),
-        _prefilters(study),
-        resolution_figure(study.resolution),
-        response_figure(
-            _runs(study.reshaped.responses, UNLOADED), "prefilter reshaped to the new curve", "reshaped", flatness_db
-        ),
+        noise_figure(probed, lab.noise.channels[0]),
+        prefilter_figure(errors, flatness_db),
+        resolution_figure(study.resolution.bits),
+        responses(study.reshaped_responses, "prefilter reshaped to the new curve", "reshaped"),
     )
 
 
-def _nichols(study: PaperStudy) -> ReportFigure:
-    first = study.plan.display.channels[0]
-    loops = (sampled_loop(study.plan.display, replace(first, plant=first.loaded_plant(load))) for load in first.loads)
-    title = "Loop shaping in the Nichols chart"
-    loop = study.loop
-    return nichols_figure(loop.sampled, first.plant, loop.continuous, tuple(loops), name="fig07", title=title)
-
-
-def _prefilters(study: PaperStudy) -> ReportFigure:
-    judged = study.prefilters
-    errors = {
-        "the paper's F": (judged.paper.frequency_hz, judged.paper.error_db),
-        "the paper's F, sampled": (judged.paper_sampled.frequency_hz, judged.paper_sampled.error_db),
-        **{f"fitted, {name}": (fit.frequency_hz, fit.error_db) for name, fit in judged.fitted.items()},
-    }
-    return prefilter_figure(errors, study.plan.display.objectives.flatness_db)
-
-
-def _runs(points: tuple[ResponsePoint, ...], load: str) -> list[LevelResponse]:
-    keys = dict.fromkeys((point.channel, point.level_db_sl) for point in points if point.load == load)
-    return [
-        _run([point for point in points if (point.channel, point.level_db_sl, point.load) == (*key, load)])
-        for key in keys
-    ]
-
-
-def _run(points: list[ResponsePoint]) -> LevelResponse:
-    names = ("frequency_hz", "target_v", "expected_v", "measured_v", "ci_db", "saturated")
-    columns = (np.array([getattr(point, name) for point in points]) for name in names)
-    return LevelResponse(points[0].channel, points[0].level_db_sl, *columns)
-
-
 def _thresholds(study: PaperStudy) -> ReportFigure:
-    """Draw each observer's mean over the fingers, with the standard error of that mean."""
-    people = []
-    for name in dict.fromkeys(threshold.observer for threshold in study.thresholds):
-        measured = [threshold for threshold in study.thresholds if threshold.observer == name]
-        hertz = np.array(sorted({threshold.frequency_hz for threshold in measured}))
-        levels = [[threshold.level_db_re_1um for threshold in measured if threshold.frequency_hz == f] for f in hertz]
-        errors = [
-            np.hypot.reduce([threshold.se_db for threshold in measured if threshold.frequency_hz == f]) for f in hertz
-        ]
-        counts = np.array([len(row) for row in levels])
-        people.append(PersonThresholds(name, hertz, np.mean(levels, axis=1), np.array(errors) / counts, simulated=True))
-    return thresholds_figure(people, study.plan.display.channels[0].threshold.curve, study.curve)
+    """Draw each subject's mean over the fingers, with the standard error of that mean."""
+    known = study.detected.thresholds
+    error_db, means = standard_error_db(known), over_fingers(known)
+    people = [
+        replace(
+            person, frequency_hz=means[person.name][:, 0], level_db_re_1um=means[person.name][:, 1], flagged=None,
+            standard_error_db=np.full(len(means[person.name]), error_db), bound=None,
+        )
+        for person in study.detected.people
+    ]  # fmt: skip
+    figure = thresholds_figure(people, study.lab.display.channels[0].threshold.curve, study.detected.curve)
+    fingers = len({each.finger for each in known})
+    caption = (
+        f"{figure.caption} A point: the mean over {fingers} fingers of one run each (the mean of 12 reversals), "
+        f"{len(known)} runs in all; bars: its standard error of {error_db:.2f} dB, from the scatter over the fingers, "
+        "pooled over all points."
+    )
+    return replace(figure, caption=caption)
 
 
-OWN_NAMES = frozenset({"report.html", "figures", "summary.json"})
+OWN_NAMES = frozenset({"report.html", "figures", "summary.json", "files"})
 """Names of everything that the folder holds afterwards."""
 
 
 def publish(study: PaperStudy, folder: Path) -> None:
-    """Write everything into `folder`, which is there and empty."""
+    """Write page, figures and summary into `folder`, in which the study's files are."""
     drawn = figures(study)
     (folder / "figures").mkdir()
     for figure in drawn:

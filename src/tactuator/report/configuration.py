@@ -14,6 +14,7 @@ from tactuator.model.description import Channel
 from tactuator.report.figure import ReportFigure, table_of
 from tactuator.report.printed import printed_polynomials
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
+from tactuator.synthesis.exchange import continuous_form
 
 _PITCH = 13.5
 """From line to line of small print in a box, pixels."""
@@ -75,15 +76,18 @@ def mechanism_figure(channel: Channel) -> ReportFigure:
     return ReportFigure("fig03", "Motor assembly", caption, drawing, table_of(("coefficient", "value"), rows))
 
 
-def loop_figure(channel: Channel, c: ContinuousSystem, f: SampledSystem) -> ReportFigure:
-    """Draw the two-degree-of-freedom loop of `channel`'s plant, with what stands in its boxes: F as it runs, sampled,
-    is shown by the corner frequencies of its roots (log z times the rate).
+def loop_figure(controller: Controller, channel_name: str) -> ReportFigure:
+    """Draw the two-degree-of-freedom loop of a channel with what is in its boxes: C in the continuous form whose
+    bilinear transform runs, F, which runs sampled, by the corner frequencies of its roots (log z times the rate).
     """
-    systems = {"F": _as_corners(f), "C": c, "P": channel.plant}
+    rate_hz, designed = controller.rate_hz, controller.channel(channel_name)
+    feedback, plant = designed.feedback(rate_hz), controller.display.channel(channel_name).plant
+    assert feedback is not None
+    systems = {"F": _as_corners(designed.prefilter(rate_hz)), "C": continuous_form(feedback), "P": plant}
     drawing = _diagram("loop", **{letter.lower(): _formula(system) for letter, system in systems.items()})
     caption = (
-        f"The two-degree-of-freedom controller of the {channel.name} channel: the paper's C, the plant of the display "
-        "file, and the prefilter fitted to H/T, shown by its corner frequencies; H = FT, T = CP/(1 + CP)."
+        f"The two-degree-of-freedom controller of the {channel_name} channel, with the identified motor P and the "
+        "prefilter F fitted to H/T by its corner frequencies; H = FT, T = CP/(1 + CP)."
     )
     rows = (
         (letter, part, len(values) - 1 - index, float(value))

@@ -37,6 +37,7 @@ from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
+from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
@@ -239,6 +240,19 @@ def _draw_resolution(panel: Axes, forms: Mapping[str, Mapping[float, BitsNeeded]
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 1000:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())
     panel.set_xlabel("sampling rate (kHz)", fontsize=9)
+
+
+def loop_shape_figure(controller: Controller, channel_name: str, name: str, title: str) -> ReportFigure:
+    """Draw the Nichols chart of a channel that has a loop: as it runs, in continuous time, and on every other plant."""
+    display = controller.display
+    channel, feedback = display.channel(channel_name), controller.channel(channel_name).feedback(display.rate_hz)
+    assert feedback is not None
+    nominal, *others = (
+        FeedbackLoop(feedback, member.sampled)
+        for member in plant_family(channel, display.rate_hz, display.delay_samples)
+    )
+    continuous = FeedbackLoop(continuous_form(feedback), channel.plant)
+    return nichols_figure(nominal, channel.plant, continuous, others, name=name, title=title)
 
 
 def design_figures(controller: Controller, channel_name: str) -> tuple[ReportFigure, ...]:

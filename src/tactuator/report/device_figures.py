@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import FloatArray
 from tactuator.identification.calibration import Calibration
 from tactuator.identification.result import Identification
 from tactuator.measure.error import asked_v, expected_v
@@ -32,12 +32,11 @@ from tactuator.report.figure import (
     save_figures,
     table_of,
 )
-from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
-from tactuator.signals.record import Response
+from tactuator.signals.record import Record, Response
 from tactuator.signals.spectra import power_spectrum
-from tactuator.signals.systems import ContinuousSystem
+from tactuator.result import FREQUENCY, Chart, ChartLine
 
 
 def calibration_figure(calibrations: Mapping[str, Calibration]) -> ReportFigure:
@@ -155,39 +154,54 @@ def path_figure(fit: Identification, path: FloatArray) -> ReportFigure:
     return ReportFigure("recursion", "Path of the recursion", caption, panels([[chart]], 2.8), table)
 
 
-def motor_figure(
-    frequency_hz: FloatArray, measured: ComplexArray, continuous: ContinuousSystem, rate_hz: float, channel: str
-) -> ReportFigure:
-    """Draw magnitude and phase of y/u: measured at frequency_hz (n,), and the model, continuous and sampled."""
+def excitation_figure(record: Record, channel: str, shown_s: float = 10.0) -> ReportFigure:
+    """Draw the first seconds of the command and of the position that a motor was identified from."""
+    count = min(record.command.size, round(shown_s * record.rate_hz))
+    step = max(1, round(record.rate_hz / 500.0))
+    time = np.arange(0, count, step) / record.rate_hz
+    command, position = record.command[:count:step], record.position[:count:step]
+    charts = [
+        [Chart("time (s)", "command (V)", [ChartLine("", time, command, colour=BLUE, width=0.5)])],
+        [Chart("time (s)", "sensor (V)", [ChartLine("", time, position, colour=ORANGE, width=0.8)])],
+    ]
+    caption = (
+        f"First {shown_s:g} of the {record.duration_s:g} s from which the {channel} motor was identified: steps, noise "
+        "and sinusoids. The paper names a “delimiter” as well, and does not say what it is: there is none here."
+    )
+    table = table_of(("time_s", "command_v", "position_v"), labelled((), time, command, position))
+    return ReportFigure("excitation", "Excitation of the motor", caption, panels(charts, 3.6), table)
+
+
+def motor_figure(fit: Identification, channel: str, rate_hz: float) -> ReportFigure:
+    """Draw magnitude and phase of y/u as the record shows it, and of the model, continuous and sampled."""
+    frequency, measured, _ = fit.shown()
+    continuous = fit.model.system
     sampled = discretise(continuous, rate_hz, "zoh")
-    low, high = float(frequency_hz.min()), float(frequency_hz.max())
-    fine = np.geomspace(low, high, 400)
+    fine = np.geomspace(float(frequency.min()), float(frequency.max()), 400)
     models = ((continuous, BLUE, "-", "continuous model"), (sampled, RED, "--", "sampled model (zero-order hold)"))
     upper, lower = [], []
     for system, colour, style, label in models:
         response = system.response(fine)
         upper.append(ChartLine(label, fine, db(response), style, colour=colour))
         lower.append(ChartLine("", fine, phase_deg(response), style, colour=colour))
-    upper.append(ChartLine("measured", frequency_hz, db(measured), "o", colour=INK))
-    lower.append(ChartLine("", frequency_hz, phase_deg(measured), "o", colour=INK))
+    upper.append(ChartLine("measured", frequency, db(measured), ".", colour=INK))
+    lower.append(ChartLine("", frequency, phase_deg(measured), ".", colour=INK))
     charts = [[Chart(FREQUENCY, "magnitude (dB)", upper, True)], [Chart(FREQUENCY, "phase (degrees)", lower, True)]]
-    levels = [db(measured), *(db(system.response(frequency_hz)) for system in (continuous, sampled))]
     caption = (
-        f"Open-loop response of the {channel} motor, y over u, measured by stepped sine to {high:g} Hz, and the model "
-        f"identified from one record. At low frequencies friction takes up to "
-        f"{abs(float((levels[0] - levels[2]).min())):.2f} dB of the motion."
+        f"Open-loop response of the {channel} motor, y over u: the record's own in bands, without what the hold of the "
+        "command adds, and the model identified from the same record, which the controller is designed for."
     )
+    columns = (db(measured), phase_deg(measured), *(db(system.response(frequency)) for system in (continuous, sampled)))
     names = ("frequency_hz", "measured_db", "measured_deg", "continuous_db", "sampled_db")
-    table = table_of(names, labelled((), frequency_hz, levels[0], phase_deg(measured), *levels[1:]))
+    table = table_of(names, labelled((), frequency, *columns))
     return ReportFigure("fig04", "Open-loop response of the motor assembly", caption, panels(charts, 5.0), table)
 
 
-def noise_figure(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -> ReportFigure:
-    """Draw one channel: third octaves (left), mains lines (right), by proportional gain and designed loop."""
-    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(proportional)))
+def noise_figure(probed: Mapping[str, FeltNoise], designed: FeltNoise) -> ReportFigure:
+    """Draw one channel: third octaves (left), mains lines (right), under each probing controller and the designed."""
+    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(probed)))
     heard_by: list[tuple[str, str, FeltNoise, Any, float]] = [
-        (f"gain {gain:g}", f"gain {gain:g}", heard, tuple(shade), 1.0)
-        for shade, (gain, heard) in zip(shades, proportional.items(), strict=True)
+        (name, name, heard, tuple(shade), 1.0) for shade, (name, heard) in zip(shades, probed.items(), strict=True)
     ]
     bands, lines = [], []
     rows: list[tuple[object, ...]] = []
@@ -215,11 +229,12 @@ def noise_figure(proportional: Mapping[float, FeltNoise], designed: FeltNoise) -
 
 @dataclass(frozen=True, eq=False)
 class LevelResponse:
-    """One channel at one level: peak volts asked for, expected by the model and measured at frequency_hz (n,), the
-    half-width ci_db, saturation.
+    """One channel under one load at one level: peak volts asked for, expected by the model and measured at
+    frequency_hz (n,), the half-width ci_db, saturation.
     """
 
     channel: str
+    load: str
     level_db_sl: float
     frequency_hz: FloatArray
     asked_v: FloatArray
@@ -244,63 +259,68 @@ def save_measured(responses: Sequence[Response], controller: Controller, folder:
 
     Raises BadInput for a folder that holds anything else.
     """
-    display = controller.display
-    runs = [
+    runs = level_responses(responses, controller)
+    load = responses[0].load
+    words = "without load" if load == "none" else f"under the load {load!r}"
+    save_figures([response_figure(runs, words, "response", controller.display.objectives.flatness_db)], folder)
+
+
+def level_responses(responses: Sequence[Response], controller: Controller) -> list[LevelResponse]:
+    """Return measured responses beside what was asked for and what the controller's model expects under their load."""
+    return [
         LevelResponse(
-            response.channel, response.level_db_sl, response.frequency_hz,
-            asked_v(response, display),
-            expected_v(response, controller), response.magnitude_v, response.confidence_db, response.saturated,
+            response.channel, response.load, response.level_db_sl, response.frequency_hz,
+            asked_v(response, controller.display), expected_v(response, controller), response.magnitude_v,
+            response.confidence_db, response.saturated,
         )
         for response in responses
     ]  # fmt: skip
-    load = responses[0].load
-    words = "without load" if load == "none" else f"under the load {load!r}"
-    save_figures([response_figure(runs, words, "response", display.objectives.flatness_db)], folder)
 
 
 def response_figure(runs: Sequence[LevelResponse], condition: str, name: str, flatness_db: float) -> ReportFigure:
-    """Draw a panel for each channel: felt level (dB SL) against frequency over the levels asked for, below it felt less
-    asked with its confidence, the tolerance flatness_db and the just-noticeable difference.
+    """Draw a row for each channel: the sensor's output against frequency with what was asked for, and beside it felt
+    less asked with its confidence, the tolerance flatness_db and the just-noticeable difference.
     """
-    upper, lower = [], []
+    rows = []
     for channel in dict.fromkeys(run.channel for run in runs):
         own = sorted((run for run in runs if run.channel == channel), key=lambda run: run.level_db_sl)
-        levels = [run.level_db_sl for run in own]
-        ends = levels[0] - 8.0, levels[-1] + 8.0
-        above = [line for number, run in enumerate(own) for line in _measured(run, run.level_db_sl, number)]
-        upper.append(Chart(FREQUENCY, "felt level (dB SL)", above, True, levels, y_range=ends, title=channel))
-        below = [line for number, run in enumerate(own) for line in _measured(run, 0.0, number)]
-        below += [
+        asked = [ChartLine("asked", run.frequency_hz, run.asked_v, colour=INK, width=0.8) for run in own]
+        volts = [line for number, run in enumerate(own) for line in _measured(run, run.measured_v, number)]
+        errors = [line for number, run in enumerate(own) for line in _measured(run, run.error_db, number, run.ci_db)]
+        errors += [
             ChartLine("expected by the model", run.frequency_hz, run.model_db, ":", colour=number, width=0.8)
             for number, run in enumerate(own)
         ]
         held_against: dict[str, Any] = {"tolerance": flatness_db, "jnd": AMPLITUDE_JND_DB}
-        lower.append(Chart(FREQUENCY, "felt minus asked (dB)", below, True, (0.0,), **held_against))
+        pair = (
+            Chart(FREQUENCY, "sensor output (V)", [*asked, *volts], True, log_y=True, title=channel),
+            Chart(FREQUENCY, "felt minus asked (dB)", errors, True, (0.0,), title=channel, **held_against),
+        )
+        rows.append(pair)
     clean = max(
         (float(np.max(np.abs(run.error_db[~run.saturated]), initial=0.0)) for run in runs if run.level_db_sl > 0),
         default=float("nan"),
     )
     caption = (
-        f"Felt level at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
-        f"{condition}: asked (lines) and measured by the sensor (circles). Below, felt minus asked with its "
+        f"Sensor output at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
+        f"{condition}: asked (lines) and measured (circles). Right: felt minus asked with its "
         f"confidence, what of it the controller's own model expects, the tolerance, and the smallest "
         f"just-noticeable difference of amplitude ({AMPLITUDE_JND_DB:g} dB). Largest error above 0 dB SL, saturated "
         f"points left out: {clean:.2f} dB, {clean / AMPLITUDE_JND_DB:.1f} JND."
     )
     names = ("frequency_hz", "asked_v", "expected_v", "measured_v", "ci_db", "saturated")
-    rows = [
+    cells = (
         row for run in runs for row in labelled((run.channel, run.level_db_sl), *(getattr(run, name) for name in names))
-    ]
-    table = table_of(("channel", "level_db_sl", *names), rows)
-    drawing = panels([upper, lower], 4.8, (1.6, 1.0))
-    return ReportFigure(name, f"Felt level against frequency, {condition}", caption, drawing, table)
-
-
-def _measured(run: LevelResponse, over_db: float, number: int) -> Iterator[ChartLine]:
-    """Yield the points of a run at its error over a level, and those at which a limit was reached."""
-    cut, level = run.saturated, over_db + run.error_db
-    yield ChartLine(
-        "measured, ± 95 %", run.frequency_hz[~cut], level[~cut], "o", run.ci_db[~cut], colour=number, width=0.0
     )
+    table = table_of(("channel", "level_db_sl", *names), cells)
+    drawing = panels(rows, 1.2 + 2.1 * len(rows))
+    return ReportFigure(name, f"Response, {condition}", caption, drawing, table)
+
+
+def _measured(run: LevelResponse, y: FloatArray, number: int, half: FloatArray | None = None) -> Iterator[ChartLine]:
+    """Yield the points of a run, and those at which a limit was reached."""
+    cut, hertz = run.saturated, run.frequency_hz
+    bars = None if half is None else half[~cut]
+    yield ChartLine("measured, ± 95 %", hertz[~cut], y[~cut], "o", bars, colour=number, width=0.0)
     if cut.any():
-        yield ChartLine("a limit was reached", run.frequency_hz[cut], level[cut], "x", colour=INK)
+        yield ChartLine("a limit was reached", hertz[cut], y[cut], "x", colour=INK)

@@ -38,7 +38,7 @@ from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
 
 
-def felt_figure(report: FeltReport, what: str) -> ReportFigure:
+def felt_figure(report: FeltReport, what: str, name: str) -> ReportFigure:
     """Draw a panel for each finger: band levels asked and felt above, their difference below where 10 dB SL or more."""
     fingers, names = report.fingers, ("band level (dB SL)", "felt − asked (dB)")
     loudest = max(float(np.max(finger.asked_db_sl)) for finger in fingers)
@@ -59,7 +59,7 @@ def felt_figure(report: FeltReport, what: str) -> ReportFigure:
         f"{HEARD_DB_SL:g} dB SL or more was asked for; rms {report.worst_rms_db:.2f} dB on the worst finger."
     )
     drawing = panels([upper, lower], 4.2, (2.2, 1.0))
-    return ReportFigure("fig12", "Speech, asked and felt", caption, drawing, _band_levels_table(report))
+    return ReportFigure(name, "Speech, asked and felt", caption, drawing, _band_levels_table(report))
 
 
 def equality_figure(
