@@ -72,8 +72,8 @@ def test_response__every_run__keeps_off_mains_and_errs_within_its_confidence(stu
     assert len(study.responses) == len(LEVELS_DB_SL) * 2 * len(CHANNELS)
     off = np.abs(np.array(RESPONSE_HZ)[:, None] - MAINS_HZ * np.arange(1, 8))
     assert off.min() >= 2.0
-    limited = {(run.level_db_sl, hertz) for run in study.responses for hertz in run.frequency_hz[run.saturated]}
-    assert limited <= {(50.0, 296.0)}
+    for run in study.responses:  # 10 V, with room for a finger, ends just there
+        assert not run.saturated.any() or (run.level_db_sl == 50.0 and run.frequency_hz[run.saturated].min() >= 265.0)
 
 
 def test_thresholds_and_curve__of_the_study__agree_with_the_truth_and_the_subjects(study: PaperStudy) -> None:
