@@ -32,11 +32,11 @@ from tactuator.report.figure import (
     save_figures,
     table_of,
 )
+from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.record import Record, Response
 from tactuator.signals.spectra import power_spectrum
-from tactuator.result import FREQUENCY, Chart, ChartLine
 
 
 def calibration_figure(calibrations: Mapping[str, Calibration]) -> ReportFigure:
