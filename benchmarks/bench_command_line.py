@@ -24,9 +24,11 @@ from timing import in_turn, of_program
 import tactuator
 from tactuator.api.parameters import paper_controller, paper_display
 from tactuator.cli.commands import top_commands
+from tactuator.io.controller import write_controller
 from tactuator.model.controller import Controller
-from tactuator.paper import thresholds
-from tactuator.paper.plan import Plan, observers
+from tactuator.paper.lab import CONTROLLER
+from tactuator.paper.people import run_people, write_protocol
+from tactuator.paper.plan import Plan
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
 
@@ -56,10 +58,12 @@ class CountedRig(SimulatedRig):
 
 
 def sittings(plan: Plan, controller: Controller) -> None:
-    """Let the observers sit one after the other."""
+    """Let the subjects sit one after the other."""
     with tempfile.TemporaryDirectory() as folder, patch.object(tactuator, "SimulatedRig", CountedRig):
-        for one in observers(plan.display.channels[0].threshold.curve):
-            thresholds.run_observer(plan, controller, one, Path(folder) / f"{one.name}.db")
+        place = Path(folder)
+        write_protocol(plan, place)
+        write_controller(place / CONTROLLER, controller)
+        run_people(plan, place, place / "people.db")
 
 
 def bare_loops(controller: Controller, samples: int) -> None:

@@ -42,9 +42,14 @@ def change(points: list[dict[str, Any]], channel: str, level: float, to_hz: floa
     return max(abs(levels["finger", hertz] - levels["none", hertz]) for hertz in both if hertz <= to_hz)
 
 
+def half_up(value: float) -> float:
+    """Return a level rounded up to half a decibel."""
+    return math.ceil(2.0 * value) / 2.0
+
+
 def wanted(found: dict[str, Any]) -> dict[str, tuple[list[float], list[float]]]:
     """Return the numbers of rows, by their first words: the printed design's, and ours."""
-    half_up, response, channel = lambda value: math.ceil(2.0 * value) / 2.0, found["response"], found["channel"]
+    response, channel = found["response"], found["channel"]
     rows: dict[str, tuple[list[float], list[float]]] = {}
     for load, words in (("none", "free"), ("finger", "under a finger")):
         rows[f"felt minus asked, {words}"] = (

@@ -165,7 +165,7 @@ class FolderResult(Result):
 
 def speech_source(path: Place | None) -> Path:
     """Return a file of speech, read through, or the shipped sample. Raises BadInput for what cannot be rendered."""
-    return scan_speech(sample_path() if path is None else path).path
+    return scan_speech(sample_path() if path is None else Path(path)).path
 
 
 def render(
