@@ -333,7 +333,7 @@ def refitted(choice: Choice, given: Equations | JoinedEquations) -> Choice:
     highest = float(given.of_hz[choice.problem.weight > 0.0].max())
     for _ in range(2):
         problem = replace(problem, weight=weights(given, problem.residual(fit), highest))
-        fit = problem.descend(fit.form, fit.theta, fit.delay, most=10) or fit
+        fit = problem.continued(fit, 10)
     others = {form: problem.descend(form, other.theta, other.delay, most=6) for form, other in choice.fits.items()}
     kept = {form: other for form, other in others.items() if other is not None}
     return replace(choice, fit=fit, problem=problem, fits=kept | {fit.form: fit})

@@ -207,6 +207,10 @@ class SpectralProblem:
         self.keep(now)
         return SpectralFit(form, now.theta, now.delay, now.numerator, now.stages, self.grid, now.cost)
 
+    def continued(self, fit: SpectralFit, most: int) -> SpectralFit:
+        """Return the fit after further steps of its descent, for these weights."""
+        return self.descend(fit.form, fit.theta, fit.delay, most=most) or fit
+
     def _ran_away(self, at: _Point) -> bool:
         """Return true where a known gain was obeyed by a pole so far away that nothing shows it."""
         if at.form.gain is None:

@@ -32,10 +32,10 @@ _KEPT = 6
 """Forms that are fitted to the record."""
 _WORTH, _WORTH_SHARE = 1e-2, 1e-8
 """What a step has to win of the cost, in itself and as a share, while forms are compared."""
-_NEAR = 20.0
-"""Half of -2 log likelihood by which a simpler form's fit is behind, from which on it is tried from the better one."""
+_NEAR = 60.0
+"""Difference of the criterion within which a form is gone on with by the last weights: it may come near enough."""
 _FAR_OFF = 20.0
-"""Cost of a form over the best one's from which on it will not do: as it is proposed, or simpler, after a few steps."""
+"""Cost of a form over the best one's from which on it will not do."""
 _ASTRAY = 15.0
 """Mean squared departure from the local response, in its errors, of the best fit at the worst."""
 _FITS, _HOPELESS = 1.5, 300.0
@@ -190,7 +190,7 @@ def choose(
     begun: Choice | None = None,
     stable: bool = False,
 ) -> Choice:
-    """Return the form of best criterion on the data, simpler ones tried from there (quick: the best two only).
+    """Return the form of best criterion on the data (quick: of the best two only), and those that come near it.
 
     begun: the quick choice, to go on from. stable: no pole may move into the right half plane.
     """
@@ -200,7 +200,7 @@ def choose(
         problem = data.problem(first.grid.scale_rad_s, hold, stable=stable)
         for _ in range(2):
             problem = data.weighted(problem, first)
-            first = _again(problem, first, 8) or first
+            first = problem.continued(first, 8)
     else:
         problem, first = begun.problem, begun.fit
     others = [  # as far as forms are told apart by: the best ones are gone on with
@@ -209,17 +209,19 @@ def choose(
         if rival.form != first.form
     ]
     fits = {first.form: first} | {rival.form: rival for rival in others if rival is not None}
-    best = _best(problem, fits) if quick else _pruned(problem, fits, known)
+    best = _best(problem, fits)
     for _ in range(1 if quick else 2):
         problem = data.weighted(problem, best)
-        best = _again(problem, best, 10) or best
+        best = problem.continued(best, 10)
     for added in _with_slow_poles(problem, best, known, float(first_hz)):
         problem = data.weighted(problem, added)
-        best = _again(problem, added, 10) or added
+        best = problem.continued(added, 10)
     fits[best.form] = best
     if quick:
         return Choice(hold, best, {best.form: best}, problem)
-    return _preferred(Choice(hold, best, fits, problem), data)
+    near = [fit for fit in fits.values() if problem.criterion(fit) < problem.criterion(best) + _NEAR]
+    continued = {fit.form: problem.continued(fit, 4) for fit in near if fit is not best}
+    return Choice(hold, best, continued | {best.form: best}, problem)
 
 
 SHOWN_LATE = 10.0
@@ -253,25 +255,6 @@ def _with_slow_poles(
         yield best
 
 
-def _preferred(choice: Choice, data: Data) -> Choice:
-    """Return the choice by the weights that belong to its best form, by which another may be better: those before were
-    an earlier fit's.
-    """
-    problem, best = choice.problem, choice.fit
-    near = _near(problem, choice.fits, best) | {best.form: best}
-    preferred = _best(problem, near)
-    if problem.criterion(preferred) < problem.criterion(best):
-        again = data.weighted(problem, preferred)
-        fitted = _again(again, preferred, 10) or preferred
-        # by weights of its own residual a fit's cost is the number of equations, unless its numbers ran away
-        if fitted.cost < _ASTRAY * problem.given.goal.size:
-            problem, best = again, fitted
-            near = _near(problem, near, best) | {best.form: best}
-        else:
-            del near[preferred.form]
-    return Choice(choice.hold, best, near, problem)
-
-
 def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bool]) -> tuple[Choice, bool]:
     """Return the choice with a form of fewest parameters whose response cannot be told from that of the chosen one:
     those that were fitted, then those that are simpler by a pole, a zero or a dead time, one after the other; or, where
@@ -297,12 +280,6 @@ def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bo
     return choice if now is choice.fit else replace(choice, fit=now, fits={**choice.fits, now.form: now}), False
 
 
-def _near(problem: SpectralProblem, fits: dict[Form, SpectralFit], best: SpectralFit) -> dict[Form, SpectralFit]:
-    """Return the other fits that are not far behind, gone on with for the problem's weights."""
-    near = [fit for fit in fits.values() if problem.criterion(fit) < problem.criterion(best) + 60.0]
-    return {fit.form: _again(problem, fit, 4) or fit for fit in near if fit is not best}
-
-
 def _best_few(proposals: list[SpectralFit]) -> list[SpectralFit]:
     """Return the best few, three of each number of poles at most, without those that are far off."""
     kept: list[SpectralFit] = []
@@ -312,33 +289,10 @@ def _best_few(proposals: list[SpectralFit]) -> list[SpectralFit]:
     return kept[:_KEPT]
 
 
-def _again(problem: SpectralProblem, fit: SpectralFit, most: int) -> SpectralFit | None:
-    return problem.descend(fit.form, fit.theta, fit.delay, most=most)
-
-
 def _best(problem: SpectralProblem, fits: dict[Form, SpectralFit]) -> SpectralFit:
     lowest = min(problem.criterion(fit) for fit in fits.values())
     near = [fit for fit in fits.values() if problem.criterion(fit) <= lowest + TIE]
     return min(near, key=lambda fit: (fit.form.poles, problem.criterion(fit)))
-
-
-def _pruned(problem: SpectralProblem, fits: dict[Form, SpectralFit], known: Known) -> SpectralFit:
-    """Return the best form after all that are simpler by a pole, a zero or a dead time have been tried from it."""
-    tried: set[Form] = set()
-    while True:
-        best = _best(problem, fits)
-        for form, theta in _simpler(best):
-            there = fits.get(form)
-            if form in tried or not known.allows(form) or (there is not None and there.cost < best.cost + _NEAR):
-                continue
-            tried.add(form)
-            delay = best.delay if form.dead_time or known.delay_s is not None else 0.0
-            limit = _FAR_OFF * best.cost
-            fitted = problem.descend(form, theta, delay, most=12, gain=_WORTH, share=_WORTH_SHARE, hopeless=limit)
-            if fitted is not None and (there is None or fitted.cost < there.cost):
-                fits[form] = fitted
-        if _best(problem, fits) is best:
-            return best
 
 
 def _simpler(fit: SpectralFit) -> Iterator[tuple[Form, FloatArray]]:
