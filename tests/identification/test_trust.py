@@ -157,7 +157,7 @@ def test_identify__resonance__is_trusted_where_it_dies_out_within_the_record(dec
 
 def test_best__whatever_the_costs__is_one_of_them():
     """Found with a threefold integrator: beside a cost of 1e17 a tie's width is nothing."""
-    problem = SimpleNamespace(given=SimpleNamespace(total=1000))
+    problem = SpectralProblem(SimpleNamespace(total=1000), np.ones(1), None)
     nan, inf = np.nan, np.inf
     for costs, best in (((100.0, 50.0), 3), ((nan, 1e5), 3), ((1e5, nan), 2), ((1e20, 1e20), 2), ((inf, nan), 2)):
         forms = [SimpleNamespace(poles=n, count=n) for n in (2, 3)]
