@@ -66,7 +66,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
     """Return the display of a document's tables; relative paths in it start at the folder `beside`."""
     for key in document:
         if key not in TABLES:
-            raise unknown("table", key, sorted(TABLES))
+            raise unknown("table", key, sorted(TABLES), where=(f"[{key}]",))
     tables = {name: _table(document, name) for name in TABLES if name != "channel"}
     channels = document.get("channel", [])
     if not isinstance(channels, list) or not all(isinstance(entry, Mapping) for entry in channels):
