@@ -23,10 +23,21 @@ of them, one line, and it is the only place that does; nothing reads a sentence.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any, Self
+
+_UNSEEN = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
+"""Control characters but for tab and line end, and marks that turn the direction of what is read."""
+
+
+def visible(text: str) -> str:
+    """Return a text with its control characters and marks of direction as escapes: a terminal obeys the one, and the
+    other lets a name be read as a different one.
+    """
+    return _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 class TactuatorError(Exception):
@@ -49,9 +60,9 @@ class TactuatorError(Exception):
 
     def __str__(self) -> str:
         sentence = ": ".join([*self.where, f"{self.key} is {self.got}" if self.key else self.got])
-        if not self.allowed:
-            return sentence
-        return f"{sentence}; {'it must be' if self.key else 'expected'} {self.allowed}"
+        if self.allowed:
+            sentence = f"{sentence}; {'it must be' if self.key else 'expected'} {self.allowed}"
+        return visible(sentence)
 
     def document(self) -> Mapping[str, Any]:
         """Return the error as data, for a page."""

@@ -15,7 +15,7 @@ from typer.exceptions import TyperException
 
 from tactuator.cli.app import build_app
 from tactuator.cli.commands import COMMANDS, GROUPS, subcommands, top_commands
-from tactuator.errors import BadInput, Interrupted, TactuatorError, unknown
+from tactuator.errors import BadInput, Interrupted, TactuatorError, unknown, visible
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
 _AGAIN_S = 0.02
@@ -125,7 +125,7 @@ def _say_what_failed(error: Exception, arguments: Sequence[str]) -> int:
 
 def _say(message: str, status: int) -> int:
     """Print one line on standard error, whatever the message holds, and return the exit status."""
-    sys.stderr.write(f"tactuator: {' '.join(message.split())}\n")
+    sys.stderr.write(f"tactuator: {visible(' '.join(message.split()))}\n")
     return status
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tactuator.api.progress import Step
+from tactuator.errors import visible
 from tactuator.plain import finite
 from tactuator.result import Result, ResultTable
 
@@ -29,9 +30,9 @@ def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] 
     a number) are null; complex numbers are [re, im].
     """
     for notice in result.notices():
-        sys.stderr.write(f"tactuator: {notice}\n")
+        sys.stderr.write(f"tactuator: {visible(notice)}\n")
     if as_json:
-        sys.stdout.write(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False) + "\n")
+        sys.stdout.write(visible(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False)) + "\n")
         return
     console = Console(file=sys.stdout, markup=False, highlight=False)
     places = [f"written: {path}" for path in written]
@@ -39,8 +40,11 @@ def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] 
         console.print(*summary(result, places, console.width), sep="\n", soft_wrap=True)
         return
     parts = result.all_tables()
-    shown = [Group(drawn(part, console), *part.notes) if isinstance(part, ResultTable) else part for part in parts]
-    console.print(*shown, *places, sep="\n")
+    shown = [
+        Group(drawn(part, console), *map(visible, part.notes)) if isinstance(part, ResultTable) else visible(part)
+        for part in parts
+    ]
+    console.print(*shown, *map(visible, places), sep="\n")
 
 
 def summary(result: Result, places: Sequence[str], width: int) -> list[str]:
@@ -57,7 +61,9 @@ def _wrapped(texts: Sequence[str], width: int) -> list[str]:
     return [
         line
         for text in texts
-        for line in textwrap.wrap(text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+        for line in textwrap.wrap(
+            visible(text), width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
     ]
 
 
@@ -67,13 +73,14 @@ def drawn(content: ResultTable, console: Console) -> Table:
     """
     table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
     firm, least, most, wide = list[int](), list[int](), list[int](), console.options.update(max_width=10_000)
-    for name, *cells in zip(content.columns, *content.rows, strict=True):
+    rows = [[visible(cell) for cell in row] for row in content.rows]
+    for name, *cells in zip(content.columns, *rows, strict=True):
         sizes = [Measurement.get(console, wide, Text(cell)) for cell in (name, *cells)]
         most.append(max(size.maximum for size in sizes))
         least.append(most[-1] if name in content.whole else max(size.minimum for size in sizes))
         firm.append(max((len(word) for cell in cells for word in cell.split() if re.search(r"\d", word)), default=1))
         table.add_column(name, overflow="fold", no_wrap=name in content.whole)
-    for row in content.rows:
+    for row in rows:
         table.add_row(*map(Text, row))
     room = console.width - len(most) - 1
     fits = room >= sum(least)

@@ -16,7 +16,7 @@ from tactuator.console.uploads import EXAMPLE, UploadedFiles
 from tactuator.errors import BadInput
 from tactuator.io.display import parse_display, read_display
 from tactuator.io.shipped import EXAMPLES, example_names
-from tactuator.io.text import parse_toml, read_text
+from tactuator.io.text import parse_toml, read_text, require_inside
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Display
 from tactuator.signals.decibels import db
@@ -84,7 +84,9 @@ class ConsoleState:
         `beside` do, or at that folder. Raises BadInput where the text describes no display.
         """
         folder = Path() if beside is None else beside if isinstance(beside, Path) else self._folder(beside)
-        display = parse_display(parse_toml(text), folder)
+        document = parse_toml(text)
+        require_inside(document, folder)
+        display = parse_display(document, folder)
         key = _TEXT + hashlib.sha256(f"{folder}:{text}".encode()).hexdigest()[:16]
         if (key,) not in self._texts:
             self._texts.keep((key,), (text, folder))

@@ -27,7 +27,9 @@ from tactuator.errors import BadInput
 _CPU_S, _WALL_S = 4, 9
 _MEMORY_BYTES = 640 << 20
 """Memory that a file may take up in the child: well over MOST_VALUES numbers of a record."""
-_TOO_LARGE = 3
+_TOO_LARGE, _ELSEWHERE, _TOO_MANY = 3, 4, 5
+_MOST_ITEMS = 2000
+"""Datasets and groups; a record has ten, a MATLAB file some hundreds."""
 
 
 @contextmanager
@@ -49,6 +51,11 @@ def _require_survived(path: Path, *state: int) -> None:
 
     def look_through() -> None:
         with h5py.File(path, "r") as file:
+            names: list[str] = []
+            if file.visit(lambda name: names.append(name) or (len(names) > _MOST_ITEMS or None)):
+                os._exit(_TOO_MANY)
+            if _links_elsewhere(file) or any(_is_elsewhere(file, name) for name in names):
+                os._exit(_ELSEWHERE)
             _look(file)
             file.visititems(lambda _, item: _look(item))
 
@@ -150,6 +157,10 @@ def require_survivable(trial: Callable[[], object]) -> None:
     status = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(status):
         raise BadInput("it is damaged: the library breaks down over it", "a whole file")
+    if os.WEXITSTATUS(status) == _ELSEWHERE:
+        raise BadInput("it takes numbers from other files", "a file that holds its own numbers")
+    if os.WEXITSTATUS(status) == _TOO_MANY:
+        raise BadInput(f"it has more than {_MOST_ITEMS} datasets and groups", "a smaller file")
     if os.WEXITSTATUS(status) == _TOO_LARGE:
         raise BadInput(f"it takes up more than {_MEMORY_BYTES >> 20} MB of memory", "a smaller file")
 
@@ -182,6 +193,18 @@ def _limit_memory() -> None:
     if statm.exists():
         most = int(statm.read_text().split()[0]) * resource.getpagesize() + _MEMORY_BYTES
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def _is_elsewhere(file: h5py.File, name: str) -> bool:
+    """Return whether a dataset, or a link in a group, leads to another file, which may be any that we can read."""
+    item = file[name]
+    if isinstance(item, h5py.Dataset):
+        return bool(item.external) or item.is_virtual
+    return _links_elsewhere(item)
+
+
+def _links_elsewhere(group: h5py.Group) -> bool:
+    return any(isinstance(group.get(name, getlink=True), h5py.ExternalLink) for name in group)
 
 
 def _look(item: Any) -> None:

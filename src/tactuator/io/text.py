@@ -100,6 +100,23 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise BadInput("it is not TOML") from None
 
 
+def require_inside(value: Any, folder: Path, *where: str) -> None:
+    """Raise BadInput for a text anywhere in a document that, as a path from the folder, leads out of it.
+
+    Whether there is such a file makes no difference, and nothing of it is read.
+    """
+    if isinstance(value, Mapping):
+        for key, each in value.items():
+            require_inside(each, folder, *where, str(key))
+    elif isinstance(value, list):
+        for each in value:
+            require_inside(each, folder, *where)
+    elif (
+        isinstance(value, str) and "\0" not in value and not (folder / value).resolve().is_relative_to(folder.resolve())
+    ):
+        raise BadInput(repr(value)[:60], "a path within the display's folder", where=where[:-1], key=where[-1])
+
+
 def toml_text(document: Mapping[str, Any]) -> str:
     """Return a document as TOML: its values, its tables and its lists of tables; what is None is left out.
 

@@ -58,7 +58,10 @@ async def first_to_end(*parts: Coroutine[Any, Any, None]) -> None:
 def same_origin(socket: WebSocket) -> bool:
     """Return whether the page that connects came from this server; another site's page may not speak for its reader."""
     origin = socket.headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
+    try:
+        return origin is None or urlsplit(origin).netloc == socket.headers.get("host")
+    except ValueError:  # an address in brackets that is none
+        return False
 
 
 async def refuse(socket: WebSocket, code: int) -> None:

@@ -49,7 +49,7 @@ def _locked(path: Path, store: str | os.PathLike[str]) -> int:
     """Open and lock the file at the path; one that its last holder removed meanwhile is opened anew."""
     while True:
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         except OSError as error:
             raise BadInput(f"store {store}: {path.name}: {error.strerror}", "a folder that can be written") from None
         try:

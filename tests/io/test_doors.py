@@ -1,0 +1,103 @@
+"""Doors for an attacker who hands over a file, a name or a place: files that take their numbers from others, control
+characters in what is printed, links in the place of a lock."""
+
+import os
+import time
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from tactuator.cli.main import main
+from tactuator.console.state import ConsoleState
+from tactuator.errors import BadInput, visible
+from tactuator.experiment.store.store import sessions_of
+from tactuator.io.hdf5 import opened_hdf5
+from tactuator.web.pages import HEADERS
+from tactuator.web.sockets import same_origin
+
+
+def external(file, secret):
+    file.create_dataset("a", (16,), "u1", external=[(str(secret), 0, 16)])
+
+
+def external_in_a_group(file, secret):
+    file.create_group("b").create_dataset("a", (16,), "u1", external=[(str(secret), 0, 16)])
+
+
+def virtual(file, secret):
+    layout = h5py.VirtualLayout((4,), "f8")
+    layout[:] = h5py.VirtualSource(str(secret), "x", (4,))
+    file.create_virtual_dataset("a", layout)
+
+
+def linked(file, secret):
+    file["a"] = h5py.ExternalLink(str(secret), "/x")
+
+
+def linked_in_a_group(file, secret):
+    file.create_group("b")["a"] = h5py.ExternalLink(str(secret), "/x")
+
+
+@pytest.mark.parametrize("leads", [external, external_in_a_group, virtual, linked, linked_in_a_group])
+def test_hdf5__that_takes_numbers_from_another_file__is_refused(tmp_path, leads):
+    with h5py.File(tmp_path / "secret", "w") as file:
+        file["x"] = np.arange(4.0)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        leads(file, tmp_path / "secret")
+    with pytest.raises(BadInput, match="numbers from other files"), opened_hdf5(tmp_path / "a.h5"):
+        pass
+
+
+def test_hdf5__20_000_tiny_datasets__is_refused_in_a_second_and_a_few_are_read(tmp_path):
+    for count in (1000, 20_000):
+        with h5py.File(tmp_path / f"{count}.h5", "w", libver="latest") as file:
+            for k in range(count):
+                file.create_dataset(f"d{k}", data=1.0)
+    with opened_hdf5(tmp_path / "1000.h5") as file:
+        assert len(file) == 1000
+    begun = time.process_time(), os.times().children_user
+    with pytest.raises(BadInput, match="more than 2000 datasets"), opened_hdf5(tmp_path / "20000.h5"):
+        pass
+    assert time.process_time() - begun[0] + os.times().children_user - begun[1] < 1.0
+
+
+@pytest.mark.parametrize("mark", ["\x1b[2J", "\x07", "\x9b1m", "\u202e", "\u2066", "\u200f", "\u2028", "\x7f"])
+def test_printed__control_character_or_mark_of_direction__is_escaped(tmp_path, capsys, mark):
+    assert main(["check", str(tmp_path / f"a{mark}b.json")]) == 2
+    said = capsys.readouterr().err
+    assert mark[0] not in said
+    assert f"\\u{ord(mark[0]):04x}" in said
+    assert visible(str(BadInput(mark, mark))) == str(BadInput(mark, mark))
+    assert visible("Ω ä 中\tµ") == "Ω ä 中\tµ"
+
+
+def test_lock__that_is_a_link__is_not_followed(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    (tmp_path / "s.sqlite.lock").symlink_to(victim)
+    with pytest.raises(BadInput, match=r"s\.sqlite\.lock"), sessions_of(tmp_path / "s.sqlite"):
+        pass
+    assert victim.read_text() == "precious"
+
+
+@pytest.mark.parametrize("path", ["/etc/passwd", "../../etc/passwd", "a/../../x", "/nothing/there", "link/passwd"])
+def test_typed_display__path_out_of_its_folder__is_refused_unread(tmp_path, path):
+    (tmp_path / "link").symlink_to("/etc")
+    text = f'[threshold]\ncurve = "{path}"\n'
+    with pytest.raises(BadInput, match="a path within the display's folder") as refusal:
+        ConsoleState().take_text(text, tmp_path)
+    assert "root" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("origin", ["http://[", "http://[::1", "http://a]b", "//[x"])
+def test_origin__malformed__is_refused_quietly(origin):
+    socket = SimpleNamespace(headers={"origin": origin, "host": "127.0.0.1:8000"})
+    assert not same_origin(socket)
+
+
+def test_pages__policy__connects_to_their_own_host_alone():
+    policy = dict(rule.strip().split(" ", 1) for rule in HEADERS["Content-Security-Policy"].split(";"))
+    assert policy["connect-src"] == policy["form-action"] == "'self'"
+    assert policy["base-uri"] == "'none'"
