@@ -4,6 +4,9 @@ auditwheel (requirements/wheel.txt, hashes checked) reads from the binary which 
 that promises an older system than those is refused. Nothing is written under out/dist before.
 """
 
+import gzip
+import io
+import os
 import platform
 import re
 import shutil
@@ -24,9 +27,10 @@ BUILD = (
 )
 
 
-def run(command, cwd=ROOT):
+def run(command, cwd=ROOT, **environment):
     """Return the standard output of a command, or stop with its last words."""
-    done = subprocess.run([str(word) for word in command], cwd=cwd, capture_output=True, text=True, check=False)
+    words, given = [str(word) for word in command], {**os.environ, **environment}
+    done = subprocess.run(words, cwd=cwd, env=given, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         sys.exit("wheel: %s failed:\n%s" % (command[0], (done.stdout + done.stderr).strip()[-2000:]))
     return done.stdout
@@ -34,8 +38,27 @@ def run(command, cwd=ROOT):
 
 def built(kind, source, target, *options):
     """Build an sdist or a wheel of the tree `source` into `target`; return its path."""
-    said = run([sys.executable, "-c", BUILD, "build_" + kind, target, *options], cwd=source)
+    flags = "%s -g0 -ffile-prefix-map=%s=." % (os.environ.get("CFLAGS", ""), source)  # no path of this machine
+    environment = {"SOURCE_DATE_EPOCH": str(epoch()), "CFLAGS": flags, "PYTHONHASHSEED": "0"}
+    said = run([sys.executable, "-c", BUILD, "build_" + kind, target, *options], cwd=source, **environment)
     return target / said.splitlines()[-1]
+
+
+def epoch():
+    """Return SOURCE_DATE_EPOCH, or the time of the newest commit: the same tree gives the same bytes."""
+    return int(os.environ.get("SOURCE_DATE_EPOCH") or run(["git", "log", "-1", "--format=%ct"]))
+
+
+def settle(sdist):
+    """Write an sdist anew with the times and owners of no machine, its members in order."""
+    with tarfile.open(sdist) as archive:
+        members = sorted(archive.getmembers(), key=lambda member: member.name)
+        contents = [archive.extractfile(member).read() if member.isfile() else None for member in members]
+    with gzip.GzipFile(sdist, "wb", mtime=epoch()) as file, tarfile.open(fileobj=file, mode="w") as archive:
+        for member, content in zip(members, contents, strict=True):
+            member.mtime, member.uid, member.gid, member.uname, member.gname = epoch(), 0, 0, "", ""
+            member.mode, member.pax_headers = 0o755 if member.isdir() or member.mode & 0o100 else 0o644, {}
+            archive.addfile(member, None if content is None else io.BytesIO(content))
 
 
 def auditor():
@@ -73,6 +96,7 @@ def main():
     with tempfile.TemporaryDirectory(prefix="tactuator-wheel-") as folder:
         place = Path(folder)
         sdist = built("sdist", ROOT, place)
+        settle(sdist)
         with tarfile.open(sdist) as archive:
             archive.extractall(place / "source", filter="data")
         (source,) = (place / "source").iterdir()

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import zipfile
 from collections.abc import Iterator
 from importlib.metadata import distribution
 from importlib.util import cache_from_source
@@ -83,6 +84,19 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
     (place / "folder").mkdir()
     yield Installation(environment, place / "folder")
     shutil.rmtree(place, ignore_errors=True)
+
+
+@pytest.mark.slow
+def test_wheel_and_sdist__built_twice__are_the_same_bytes_without_a_path_of_this_machine(installation) -> None:
+    first = {path.name: path.read_bytes() for path in maker.DIST.glob("tactuator-*") if path.suffix != ".part"}
+    maker.main()
+    assert len(first) >= 2
+    assert {name: (maker.DIST / name).read_bytes() for name in first} == first
+    wheel = next(path for path in maker.DIST.glob("*-cp311-abi3-*.whl"))
+    with zipfile.ZipFile(wheel) as archive:
+        binary = archive.read(next(name for name in archive.namelist() if name.endswith(".so")))
+    assert b"tactuator-wheel-" not in binary
+    assert str(ROOT).encode() not in binary
 
 
 @pytest.mark.slow
