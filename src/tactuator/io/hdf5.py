@@ -52,7 +52,12 @@ def _require_survived(path: Path, *state: int) -> None:
     def look_through() -> None:
         with h5py.File(path, "r") as file:
             names: list[str] = []
-            if file.visit(lambda name: names.append(name) or (len(names) > _MOST_ITEMS or None)):
+
+            def keep(name: str) -> bool | None:
+                names.append(name)
+                return len(names) > _MOST_ITEMS or None
+
+            if file.visit(keep):
                 os._exit(_TOO_MANY)
             if _links_elsewhere(file) or any(_is_elsewhere(file, name) for name in names):
                 os._exit(_ELSEWHERE)
