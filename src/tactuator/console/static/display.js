@@ -66,7 +66,7 @@ export default class Display {
     const text = this.text.value;
     sessionStorage.setItem(this.kept(), text);
     this.numbers(null);
-    if (text.length > MOST) { this.fault(`The text has ${text.length} characters; allowed: up to ${MOST}.`, null); return; }
+    if (text.length > MOST) { this.fault(`The text has ${text.length} characters; expected up to ${MOST}.`, null); return; }
     try {
       const found = await this.link.ask("display.judge", { text, ...this.beside });
       if (text !== this.text.value) return;

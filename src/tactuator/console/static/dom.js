@@ -47,7 +47,7 @@ export function numberIn(field, optional = false) {
   if (optional && text === "" && !bad) { fault(field, ""); return null; }
   const value = text === "" ? NaN : Number(text), within = Number.isFinite(value) && !(min && value < Number(min)) && !(max && value > Number(max));
   const allowed = min && max ? `${min} to ${max}` : min ? `${min} or more` : max ? `up to ${max}` : "a number";
-  fault(field, within ? "" : `${text || (bad ? "no number" : "empty")}; allowed: ${allowed}`);
+  fault(field, within ? "" : `${text || (bad ? "no number" : "empty")}; expected ${allowed}`);
   return within ? value : NaN;
 }
 

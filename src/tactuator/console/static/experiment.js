@@ -86,7 +86,7 @@ export default class Experiment {
   // The rig passes from this page to the study, and comes back where it is refused.
   async start() {
     const wrong = !this.store.value || this.store.validity.patternMismatch;
-    fault(this.store, wrong ? `store: “${this.store.value}”; allowed: a name of letters and digits that ends in .db` : "");
+    fault(this.store, wrong ? `store: “${this.store.value}”; expected a name of letters and digits that ends in .db` : "");
     if (wrong) return;
     this.busy = true;
     this.standing();

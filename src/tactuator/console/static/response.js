@@ -51,7 +51,7 @@ export default class Response {
   // The frequencies of the field, or null with the fault at it; none: those of the command.
   frequencies() {
     const texts = this.hz.value.split(",").map((one) => one.trim()).filter(Boolean), wrong = texts.find((one) => !(Number(one) > 0));
-    fault(this.hz, wrong === undefined ? "" : `“${wrong}” is no number above 0; allowed: frequencies in Hz, commas between`);
+    fault(this.hz, wrong === undefined ? "" : `“${wrong}” is no number above 0; expected frequencies in Hz, commas between`);
     return wrong === undefined ? texts.map(Number) : null;
   }
 
