@@ -47,9 +47,9 @@ _TRIFLE = 1e-3
 _POOR = 0.02
 """Share of the position's power that a fit may leave before friction is suspected to rule the record."""
 BENT = 4.0
-"""Variance beside friction or a distortion over what the likelihood has, and likewise the evidence that tells holds
-apart: what friction leaves is at each frequency alike in sign, and was up to 1.5 half-widths on records of another
-generator."""
+"""Variance beside friction or a distortion over what the likelihood has, and beside a distortion or a vague friction
+likewise the evidence that tells holds apart: what friction leaves is at each frequency alike in sign, and was up to 1.5
+half-widths on records of another generator."""
 _BEYOND = 1.5
 """Half-width over the first-order departure by another law of friction: on records of another generator, whose law was
 none of these, the truth lay up to 1.2 departures away."""
