@@ -179,9 +179,11 @@ def _is_row(line: str) -> bool:
 
 
 def _delimiter(lines: list[str]) -> str | None:
-    """Return the mark between cells that at least half of the lines have, None for blanks."""
-    marks = ("\t", ";", ",")
-    return next((mark for mark in marks if lines and 2 * sum(mark in line for line in lines) >= len(lines)), None)
+    """Return the mark between cells that at least half of the lines have, None for blanks; of several, one that the
+    first line has: a cell may list words with another, as the fingers of a curve.
+    """
+    marks = [mark for mark in ("\t", ";", ",") if lines and 2 * sum(mark in line for line in lines) >= len(lines)]
+    return next((mark for mark in marks if mark in lines[0]), next(iter(marks), None))
 
 
 def _header(line: str, delimiter: str | None) -> list[str] | None:
