@@ -282,7 +282,7 @@ def test_write_curve__with_errors_and_contact__is_read_back_whole(tmp_path: Path
     assert again == curve
     assert (again.provenance, again.source, again.contact) == (*origin, PALM)
     assert again.standard_error_db is not None
-    fingers = "frequency_hz,level_db_re_1um,finger\n1,2,index;thumb\n2,3,index;thumb\n3,4,index\n"  # as `thresholds` writes them
+    fingers = "frequency_hz,level_db_re_1um,finger\n1,2,index;thumb\n2,3,index;thumb\n3,4,index\n"
     (tmp_path / "fingers.csv").write_text(fingers)
     assert read_curve(tmp_path / "fingers.csv").level_db_re_1um.tolist() == [2.0, 3.0, 4.0]
     (tmp_path / "c.csv").write_text("frequency_hz,level_db_re_1um\n1,2\n2,3\n3,4\n")
