@@ -259,6 +259,7 @@ def identify(
     integrators: Annotated[int, option_of(IdentifyOptions, "integrators")] = IdentifyOptions.integrators,
     fix: Annotated[Sequence[str], option_of(IdentifyOptions, "fixed", "--fix", type=list[str])] = (),
     hold: Annotated[str, option_of(IdentifyOptions, "hold")] = IdentifyOptions.hold,
+    closed_loop: Annotated[str, option_of(IdentifyOptions, "closed_loop")] = IdentifyOptions.closed_loop,
     method: Annotated[str, option_of(IdentifyOptions, "method")] = IdentifyOptions.method,
     quantity: Annotated[str, option_of(IdentifyOptions, "quantity")] = IdentifyOptions.quantity,
     forgetting: Annotated[float, option_of(IdentifyOptions, "forgetting")] = IdentifyOptions.forgetting,
@@ -287,7 +288,7 @@ def identify(
     2
     """
     fixed = tuple(map(Fixed.parse, fix))
-    asked = IdentifyOptions(order, zeros, integrators, hold, quantity, friction, fixed, method, forgetting)  # type: ignore[arg-type]
+    asked = IdentifyOptions(order, zeros, integrators, hold, quantity, friction, fixed, closed_loop, method, forgetting)  # type: ignore[arg-type]
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}
     source, *more = paths(records)

@@ -308,6 +308,12 @@ class Prepared:
     remarks: tuple[str, ...]
 
     @property
+    def in_loop(self) -> bool | None:
+        """Return whether a loop is known to have been closed, None if nobody says so."""
+        stated = {"yes": True, "no": False}.get(self.options.closed_loop)
+        return True if stated is None and self.references is not None else stated
+
+    @property
     def rate_hz(self) -> float:
         """Return the sampling rate, the same for all."""
         return self.records[0].rate_hz

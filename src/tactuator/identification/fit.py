@@ -37,8 +37,10 @@ Starts = dict[Hold, list[SpectralFit]]
 """Fits to the response, best first, of each hold in the order in which one is taken if the data cannot tell."""
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
-_CERTAIN_IN_LOOP = 36.0
+_CERTAIN_IF_FED_BACK = 36.0
 """The same where a loop shows: two lags more or less of the filter that stands for it make twenty."""
+_CERTAIN_IN_LOOP = 300.0
+"""The same where it misled the response, too: of 80 drawn loops one spoke for the wrong hold by 176, and right ones do by 1000."""
 _FLANK = 15.0
 """Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0
@@ -71,6 +73,11 @@ class SpectralEstimate:
     flanks: bool = False
     free: SpectralEstimate | None = None
     trials: tuple[_Trial, ...] = ()
+
+    @property
+    def evidence(self) -> float:
+        """Return the criterion of a glance's better hold."""
+        return min(trial.evidence for trial in self.trials)
 
     @property
     def local(self) -> LocalResponse:
@@ -185,10 +192,11 @@ def propose_starts(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A choice, and what it leaves of every record (of single lines: none)."""
+    """A choice, what it leaves of every record (of single lines: none), and whether those may have been in a loop."""
 
     choice: Choice
     residuals: tuple[Residual, ...]
+    in_loop: bool
 
     @cached_property
     def _parts(self) -> list[tuple[float, float]]:
@@ -208,10 +216,10 @@ class _Trial:
 
     @cached_property
     def fits(self) -> bool:
-        """Return whether the residual is free of the command: a form that does not fit takes the other hold's half
-        sample for what it lacks.
+        """Return whether the residual is free of the command, which in a loop it cannot be: a form that does not fit
+        takes the other hold's half sample for what it lacks.
         """
-        return max(map(_follows, self.residuals), default=0.0) < _FREE
+        return (self.in_loop and self.by_loop > 0.0) or max(map(_follows, self.residuals), default=0.0) < _FREE
 
 
 def _follows(residual: Residual) -> float:
@@ -226,12 +234,14 @@ def _follows(residual: Residual) -> float:
 
 
 def _tried(choice: Choice, data: Data) -> _Trial:
-    return _Trial(choice, record_residual(choice, data.spectra) if data.weight is None else ())
+    return _Trial(choice, record_residual(choice, data.spectra) if data.weight is None else (), data.in_loop)
 
 
 def _enough(trial: _Trial, other: _Trial) -> float:
     """Return the difference of evidence from which on one of two holds is told."""
-    return _CERTAIN_IN_LOOP if max(trial.by_loop, other.by_loop) > 0.0 else CERTAIN
+    if trial.in_loop:
+        return _CERTAIN_IN_LOOP
+    return _CERTAIN_IF_FED_BACK if max(trial.by_loop, other.by_loop) > 0.0 else CERTAIN
 
 
 def _decided(tried: list[_Trial], holds: tuple[Hold, ...], data: Data) -> SpectralEstimate:

@@ -108,6 +108,13 @@ def all_poles(theta: FloatArray, form: Form) -> ComplexArray:
     return np.concatenate([free_poles(theta, form), known]).astype(np.complex128)
 
 
+def growth(theta: FloatArray, form: Form) -> float:
+    """Return the sum of the real parts of the estimated poles in the right half plane, scaled."""
+    if is_stable(theta, form):
+        return 0.0
+    return float(np.sum(np.maximum(free_poles(theta, form).real, 0.0)))
+
+
 def sections_of(poles: NDArray[Any]) -> FloatArray:
     """Return theta of the conjugate-closed `poles`, (n,): pairs first, real poles paired by size, an odd one last."""
     values = np.asarray(poles, dtype=np.complex128)

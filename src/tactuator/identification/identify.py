@@ -10,9 +10,10 @@ import numpy as np
 from tactuator.errors import BadInput
 from tactuator.identification.alignment import align
 from tactuator.identification.check import Prepared, check
-from tactuator.identification.data import response_of, response_of_periods
+from tactuator.identification.data import Data, response_of, response_of_periods
 from tactuator.identification.distortion import distortion_of_periods
-from tactuator.identification.fit import fit, fit_to_reference, glance, propose_starts
+from tactuator.identification.fit import SpectralEstimate, Starts, fit, fit_to_reference, glance, propose_starts
+from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.judge import identification, judge
@@ -61,11 +62,16 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
         data = response_of(common.signals, common.rate_hz)
     else:
         data = response_of_periods(distortion.local, common.signals, common.rate_hz)
-    starts = propose_starts(data, holds, known.without_values, note)
-    data = data.read_later(max(fits[0].delay_s for fits in starts.values()))
-    friction = first = None
+    begun = _begin(data, holds, known, note)
+    if distortion is None and common.in_loop is not False:
+        grows = begun[2].chosen.fit.growth > 0.0
+        causal = begun[0].beside_loop(suspected=grows or common.in_loop is True)
+        if causal is not None:
+            note("a loop may have answered the noise: starting from an autoregressive response")
+            begun = min(begun, _begin(causal, holds, known, note), key=lambda start: start[2].evidence)
+    data, starts, first = begun
+    friction = None
     if options.friction and distortion is None and common.references is None:
-        first = glance(data, starts, known)
         friction = fit_friction(first, holds, known, note)
     estimate = friction.estimate if friction is not None else fit(data, starts, known, note, first)
     if estimate.chosen.hold == "band-limited" and common.references is not None and distortion is None:
@@ -74,6 +80,15 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     return identification(
         common, estimate, source, None if distortion is None else distortion.scaled(common.gain), friction
     )
+
+
+def _begin(
+    data: Data, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
+) -> tuple[Data, Starts, SpectralEstimate]:
+    """Return the data, read as late as their dead time, with where to start and a glance at what comes of it."""
+    starts = propose_starts(data, holds, known.without_values, note)
+    data = data.read_later(max(fits[0].delay_s for fits in starts.values()))
+    return data, starts, glance(data, starts, known)
 
 
 def _holds(record: Record, options: IdentifyOptions) -> tuple[tuple[Hold, ...], str]:

@@ -230,7 +230,10 @@ def _tests(
     of a periodic record does not repeat itself.
     """
     fit, pairs = estimate.chosen.fit, zip(estimate.data.signals, residuals, strict=True)
-    tests = [check_record_residual(command, residual, fit, fitted=fitted) for (command, _), residual in pairs]
+    tests = [
+        check_record_residual(command, residual, fit, fitted=fitted, in_loop=estimate.data.in_loop)
+        for (command, _), residual in pairs
+    ]
     seen = {test.feedback for test in tests}
     if estimate.other is not None and estimate.other_residuals and not estimate.certain:
         hold = estimate.other.hold
@@ -282,6 +285,8 @@ _SHOWN = 20.0
 
 def judge(result: Identification, common: Prepared) -> Identification:
     """Return the identification with all that decides whether its model is to be designed with."""
+    if common.in_loop is not None:
+        result = replace(result, tests=replace(result.tests, feedback=common.in_loop))
     model, record = result.model, common.records[0]
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
@@ -294,12 +299,13 @@ def judge(result: Identification, common: Prepared) -> Identification:
     rest = 1.0 - result.fit_percent / 100.0
     follows = result.tests.uncorrelated_p < CHANCE
     rows = [
-        trust.EXPLAINED.of(100.0 * (1.0 - rest**2)),
+        # a loop that is known works against what disturbs: of what it leaves no command explains much
+        *([] if common.in_loop else [trust.EXPLAINED.of(100.0 * (1.0 - rest**2))]),
         trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
         trust.LASTING.of(float(lasting)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         *_ranges(model, common),
-        trust.FOLLOWING.of(100.0 * result.tests.unexplained * rest**2 if follows else 0.0),
+        trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
         trust.DRIFT.of(DB * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0), remedy=_SHORTER),
     ]
     friction = result.friction

@@ -18,6 +18,7 @@ from tactuator.identification.form import (
     all_poles,
     denominator_values,
     freedom,
+    growth,
     is_stable,
     monic_values,
     numerator_values,
@@ -60,6 +61,16 @@ class SpectralFit:
         """Return the poles in rad/s, (poles,)."""
         return np.asarray(all_poles(self.theta, self.form) * self.grid.scale_rad_s)
 
+    def ringing(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the squared size of one over the denominator at `frequency_hz` (m,)."""
+        s: ComplexArray = np.asarray(2j * np.pi * np.maximum(frequency_hz, 1e-9) / self.grid.scale_rad_s)
+        return np.asarray(np.abs(denominator_values(self.theta, self.form, s)) ** -2.0)
+
+    @property
+    def growth(self) -> float:
+        """Return the sum of the rates of growing poles, 1/s."""
+        return growth(self.theta, self.form) * self.grid.scale_rad_s
+
     @property
     def delay_s(self) -> float:
         """Return the dead time in seconds."""
@@ -101,8 +112,16 @@ class SpectralProblem:
         weights = solution[: parts[0].shape[1], 0]
         if form.gain is not None:
             weights = foot + basis @ weights
-        cost = float(max(rest[0, 0], 0.0))
+        cost = float(max(rest[0, 0], 0.0)) + self._growth_costs * growth(theta, form)
         return _Point(form, theta, delay, weights, stages, response @ weights, rows, along, products, turning, cost)
+
+    @property
+    def _growth_costs(self) -> float:
+        """Return what growing poles cost, scaled: a record of T seconds is less likely by exp(-T growth) than its lines
+        say. A predictor is causal, and lines know nothing of before and after.
+        """
+        seconds = self.given.total / self.given.rate_hz if self.with_transient else 0.0
+        return seconds * self.grid.scale_rad_s
 
     def products(self, rows: FloatArray) -> FloatArray:
         """Return the products (k, k) of weighted real rows (k, 2 e), less what the records' ends may add."""
@@ -228,6 +247,12 @@ class SpectralProblem:
         size = np.sqrt(np.maximum(np.diag(rest)[1:], 0.0))
         size[size == 0.0] = 1.0
         gram, downhill = rest[1:, 1:] / np.outer(size, size), rest[1:, 0] / size
+        if not is_stable(now.theta, now.form):
+            steps = 1e-6 * np.diag([max(_size(now.theta, now.form, j), 1e-9) for j in range(now.theta.size)])
+            here = growth(now.theta, now.form)
+            rises = [(growth(now.theta + step, now.form) - here) / step.sum() for step in steps]
+            # the cost is the sum of squares itself, its slope twice what the normal equations have
+            downhill[: now.theta.size] -= 0.5 * self._growth_costs * np.array(rises) / size[: now.theta.size]
         for _ in range(8):
             try:
                 scaled = np.linalg.solve(gram + damping * np.eye(size.size), downhill)

@@ -464,20 +464,40 @@ _WIDTH, _FEWEST_AVERAGED = 0.12, 40
 """Width of the mean over the frequency, and lines in it at least: the power is known to 16 %."""
 
 
-def _noise_power(given: Equations, residual: ComplexArray) -> FloatArray:
-    """Return the residual's mean power at each equation (e,), over 12 % of frequency, 40 lines."""
+def _noise_power(given: Equations, residual: ComplexArray, shape: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return the residual's mean power at each equation (e,), over 12 % of frequency, 40 lines, where it has the shape
+    of a power (of frequencies in hertz) times one that hardly changes over such a band.
+    """
     frequency = np.concatenate([given.of_hz, given.centre_hz])
-    power = np.concatenate([np.abs(residual) ** 2, given.rest])
+    power = np.concatenate([np.abs(residual) ** 2, given.rest]) / shape(frequency)
     count = np.concatenate([np.ones(given.of_hz.size), given.spare])
     order = np.argsort(frequency, kind="stable")
     place = frequency[order]
     rows = np.stack([power[order], count[order]])
     mean = mean_over_frequency(rows, place, given.of_hz, 0.5 * _WIDTH, _FEWEST_AVERAGED)
-    return np.asarray(np.maximum(mean[0] / mean[1], 1e-30))
+    return np.asarray(np.maximum(mean[0] / mean[1] * shape(given.of_hz), 1e-30))
 
 
-def weights(given: Equations | JoinedEquations, residual: ComplexArray, highest_hz: float) -> FloatArray:
-    """Return one over each record's noise's deviation at each equation up to highest_hz, zero beyond, (e,)."""
+def weights(
+    given: Equations | JoinedEquations,
+    residual: ComplexArray,
+    highest_hz: float,
+    shape: Callable[[FloatArray], FloatArray] = np.ones_like,
+) -> FloatArray:
+    """Return one over each record's noise's deviation at each equation up to highest_hz, zero beyond, (e,).
+
+    shape: what a disturbance at the mechanism's input makes of its power, up to a factor; it is taken where it makes
+    the residual more likely than noise without it.
+    """
+    used = given.of_hz <= highest_hz
     pieces = zip(given.parts, equation_slices(given), strict=True)
-    by_equation = np.concatenate([_noise_power(part, residual[piece]) for part, piece in pieces])
-    return np.where(given.of_hz <= highest_hz, 1.0 / np.sqrt(by_equation), 0.0)
+    by_equation = np.concatenate(
+        [
+            min(
+                (_noise_power(part, residual[piece], of) for of in (np.ones_like, shape)),
+                key=lambda power: float(np.sum((np.log(power) + np.abs(residual[piece]) ** 2 / power)[used[piece]])),
+            )
+            for part, piece in pieces
+        ]
+    )
+    return np.where(used, 1.0 / np.sqrt(by_equation), 0.0)

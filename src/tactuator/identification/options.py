@@ -109,6 +109,10 @@ class IdentifyOptions:
             "pole (hertz; a low-pass of first order), delay_s (dead time)."
         ),
     ] = ()
+    closed_loop: Annotated[
+        Literal["auto", "yes", "no"],
+        Field(description="Was a position loop closed around it? auto: the record may show it; a reference says yes."),
+    ] = "auto"
     method: Annotated[
         Literal["refined", "rls"],
         Field(description="refined (maximum likelihood), rls (the paper's recursive least squares)."),

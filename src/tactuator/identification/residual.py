@@ -27,6 +27,7 @@ from tactuator.identification.residual_tests import (
     check_residual,
     jump_of,
     prediction_filters,
+    time_scales,
     whitening_filter,
 )
 from tactuator.identification.search import Choice
@@ -79,11 +80,15 @@ def residuals_of_model(fit: SpectralFit, spectra: Sequence[Spectrum], highest_hz
 
 
 def check_record_residual(
-    command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True
+    command: FloatArray, of_lines: Residual, fit: SpectralFit, *, fitted: bool = True, in_loop: bool = False
 ) -> ResidualTests:
-    """Return the tests of what the fit leaves of a record; command: (n,), all; fitted: did it take part in it?"""
+    """Return the tests of what the fit leaves of a record; command: (n,), all; fitted: did it take part in it? in_loop:
+    may the command have followed what disturbed before?
+    """
     taken, residual = of_lines.taken, of_lines.taken.measured - of_lines.simulated
-    whitener = whitening_filter(residual)
+    growing = fit.poles_rad_s[fit.poles_rad_s.real > 0.0]
+    grown = np.atleast_1d(np.poly(np.exp(growing / taken.rate_hz))).real  # a growing pole's noise is predicted, too
+    whitener = np.convolve(whitening_filter(apply_filter(grown, residual), _LONG if in_loop else _SHORT), grown)
     skip = whitener.size + 1
     tested = slice(skip, skip + _TESTED)
     innovation = apply_filter(whitener, residual)[skip:]
@@ -97,6 +102,8 @@ def check_record_residual(
         lines = np.zeros((free.shape[1], taken.command.size), dtype=np.complex128)
         np.multiply(free.T, white, out=lines[:, 1:])
         slopes = np.fft.irfft(lines, taken.samples)[:, tested].T
+    if in_loop:  # what the innovation's own past explains is not the command's
+        slopes = np.hstack([slopes, time_scales(innovation[:_TESTED], taken.rate_hz).T])
     tests = check_residual(innovation[:_TESTED], moved, slopes, taken.rate_hz)
     knock, jump = jump_of(innovation)
     jump = None if jump is None else jump + skip + taken.shift
@@ -161,6 +168,8 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
     return (float(values[0]), float(halves[0])), (float(values[1]), float(halves[1]))
 
 
+_SHORT, _LONG = 40, 200
+"""Highest order of a whitening filter, samples; where a loop may be, the slow end of what disturbs matters too."""
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
 _LOOP = 10.0
@@ -179,7 +188,7 @@ def joint_misfit(residual: Residual, highest_hz: float, *, filtered: bool) -> tu
     """
     inside = residual.taken.frequency_hz[1:] <= highest_hz
     power = mean_of_lines(np.abs(residual.lines[1:][inside]) ** 2)
-    misfit = 2.0 * float(np.sum(np.log(np.maximum(power, 1e-30))))
+    misfit = 2.0 * float(np.sum(np.log(np.maximum(power, 1e-12 * float(np.max(power, initial=1e-18))))))
     by_loop = explained_by_loop(residual, highest_hz, filtered=filtered)
     return misfit - by_loop, by_loop
 

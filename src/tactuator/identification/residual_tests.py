@@ -96,7 +96,7 @@ def _input_test(
     Lags even in time would need hundreds of thousands to see a slow error; time constants even in log time see all.
     """
     n = innovation.size
-    system = np.vstack([jacobian.T, _time_scales(command, rate_hz)])
+    system = np.vstack([jacobian.T, time_scales(command, rate_hz)])
     gram = system @ system.T
     if not np.all(np.isfinite(gram)):
         return 0.0, 1.0  # the model's slopes overflow: nothing speaks for such a model
@@ -113,7 +113,7 @@ def _input_test(
     return float(scipy.special.chdtrc(rank - own_rank, gained / variance)), gained / (n * variance)
 
 
-def _time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
+def time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     """Return first-order low-passes of the delayed command, corners from 2 record periods to 0.2 rate, (k, n)."""
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
@@ -137,7 +137,7 @@ def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
     return np.asarray(np.fft.irfft(spectrum, size)[: lags + 1] / values.size)
 
 
-def whitening_filter(residual: FloatArray, highest_order: int = 40) -> FloatArray:
+def whitening_filter(residual: FloatArray, highest_order: int) -> FloatArray:
     """Return the coefficients 1, h1, .. hp of the prediction-error filter of `residual` (n,), p by Akaike's criterion.
 
     p = 0 (white) gives [1].

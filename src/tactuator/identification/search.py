@@ -100,7 +100,9 @@ class _Proposals:
         scale = data.scale_rad_s
         self._known, self._points = known.in_scale(scale), data.local.frequency_hz.size
         self._delay = None if known.delay_s is None else known.delay_s * scale
-        self._starters = {hold: Starter(data.local, data.rate_hz, hold, scale, data.late_s) for hold in holds}
+        self._starters = {
+            hold: Starter(data.local, data.rate_hz, hold, scale, data.late_s, may_grow=data.in_loop) for hold in holds
+        }
         self.scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
 
     def leading(self) -> tuple[float, SpectralFit]:

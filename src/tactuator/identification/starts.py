@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.identification.form import Form, denominator_values, numerator_values, sections_of, separated, stages_of
+from tactuator.identification.form import (
+    Form,
+    denominator_values,
+    is_stable,
+    numerator_values,
+    sections_of,
+    separated,
+    stages_of,
+)
 from tactuator.identification.hold import Grid, Hold
 from tactuator.identification.likelihood import SpectralFit, SpectralProblem
 from tactuator.identification.lines import LocalResponse, points
@@ -37,9 +45,16 @@ class Starter:
     """Fits to one local response under one hold, and what was learnt from them on the way."""
 
     def __init__(
-        self, local: LocalResponse, rate_hz: float, hold: Hold, scale_rad_s: float, arrival_s: float = 0.0
+        self,
+        local: LocalResponse,
+        rate_hz: float,
+        hold: Hold,
+        scale_rad_s: float,
+        arrival_s: float = 0.0,
+        *,
+        may_grow: bool = False,
     ) -> None:
-        self.local, self.hold = local, hold
+        self.local, self.hold, self._may_grow = local, hold, may_grow
         grid = Grid(local.frequency_hz, rate_hz, scale_rad_s, hold)
         self.problem = SpectralProblem(
             points(local.frequency_hz, local.value, rate_hz), local.weight, grid, with_transient=False
@@ -71,17 +86,19 @@ class Starter:
                 return begun
         candidates = []
         for lag in self._lags(form) if form.dead_time else [delay]:
-            theta = sections_of(self._relocated(form, lag, np.arange(self._target.size), 5))
-            with np.errstate(all="ignore"):
-                point = self.problem.evaluate(form, theta, lag)
-            if point is not None and np.isfinite(point.cost):
-                candidates.append(point)
+            poles = self._relocated(form, lag, np.arange(self._target.size), 5)
+            for begun_at in [_mirrored(poles), *([poles] if self._may_grow and np.any(poles.real > 0.0) else [])]:
+                with np.errstate(all="ignore"):
+                    point = self.problem.evaluate(form, sections_of(begun_at), lag)
+                if point is not None and np.isfinite(point.cost):
+                    candidates.append(point)
         candidates.sort(key=lambda candidate: candidate.cost)
-        fits, begun_from = [], list[float]()
+        fits, begun_from = [], list[tuple[float, bool]]()
         for point in candidates[: 2 if form.poles < 4 else 1]:
             # the search for dead times comes upon one and the same again
-            if all(abs(point.delay - other) > _SAME * self.problem.grid.period for other in begun_from):
-                begun_from.append(point.delay)
+            here, apart = (point.delay, is_stable(point.theta, form)), _SAME * self.problem.grid.period
+            if all(here[1] != other[1] or abs(here[0] - other[0]) > apart for other in begun_from):
+                begun_from.append(here)
                 self.problem.keep(point)
                 fits.append(self._descent(form, point.theta, point.delay, hopeless))
         finished = [candidate for candidate in fits if candidate is not None]
@@ -142,25 +159,27 @@ class Starter:
 
     def _cost(self, form: Form, lag: float, chosen: NDArray[np.int64]) -> float:
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
-        theta = sections_of(self._relocated(form, lag, chosen, 4))
+        theta = sections_of(_mirrored(self._relocated(form, lag, chosen, 4)))
         columns = numerator_values(stages_of(theta, form), s, form)
         columns = columns * (weight * np.exp(-s * lag) / denominator_values(theta, form, s))[:, None]
         weights, matrix, values = _least_squares(columns, self._target[chosen] * weight)
         return float(np.sum((values - matrix @ weights) ** 2)) if np.all(np.isfinite(matrix)) else np.inf
 
     def _relocated(self, form: Form, lag: float, chosen: NDArray[np.int64], rounds: int) -> ComplexArray:
-        """Return the poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros follow."""
+        """Return the poles after `rounds` of fitting numerator/A and sigma = 1 + sum r/(s - p), whose zeros follow: the
+        last ones on whichever side they come out.
+        """
         s, weight = self.problem.grid.s[chosen], self.problem.weight[chosen]
         target = self._target[chosen] * np.exp(s * lag)
         poles = self._first_poles(form)
         for _ in range(rounds if form.free else 0):
-            poles = separated(poles)
+            poles = separated(_mirrored(poles))
             theta = sections_of(poles)
             top = numerator_values(stages_of(theta, form), s, form) / denominator_values(theta, form, s)[:, None]
             fractions = _fractions(s, poles)
             columns = np.hstack([top, -target[:, None] * fractions]) * weight[:, None]
             solution = _least_squares(columns, target * weight)[0]
-            poles = _mirrored(_zeros_of_sigma(poles, solution[top.shape[1] :]))
+            poles = _zeros_of_sigma(poles, solution[top.shape[1] :])
         return poles
 
     def _first_poles(self, form: Form) -> ComplexArray:
