@@ -40,7 +40,8 @@ CERTAIN = 12.0
 _CERTAIN_IF_FED_BACK = 36.0
 """The same where a loop shows: two lags more or less of the filter that stands for it make twenty."""
 _CERTAIN_IN_LOOP = 300.0
-"""The same where it misled the response, too: of 80 drawn loops one spoke for the wrong hold by 176, and right ones do by 1000."""
+"""The same where it misled the response, too: of 80 drawn loops one spoke for the wrong hold by 176; right ones do by
+1000."""
 _FLANK = 15.0
 """Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0

@@ -12,7 +12,15 @@ from tactuator.identification.alignment import align
 from tactuator.identification.check import Prepared, check
 from tactuator.identification.data import Data, response_of, response_of_periods
 from tactuator.identification.distortion import distortion_of_periods
-from tactuator.identification.fit import SpectralEstimate, Starts, fit, fit_to_reference, glance, propose_starts
+from tactuator.identification.fit import (
+    CERTAIN,
+    SpectralEstimate,
+    Starts,
+    fit,
+    fit_to_reference,
+    glance,
+    propose_starts,
+)
 from tactuator.identification.form import Known
 from tactuator.identification.friction import fit_friction
 from tactuator.identification.hold import HOLDS, Hold
@@ -62,14 +70,15 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
         data = response_of(common.signals, common.rate_hz)
     else:
         data = response_of_periods(distortion.local, common.signals, common.rate_hz)
-    begun = _begin(data, holds, known, note)
-    if distortion is None and common.in_loop is not False:
-        grows = begun[2].chosen.fit.growth > 0.0
-        causal = begun[0].beside_loop(suspected=grows or common.in_loop is True)
+    data, starts, first = _begin(data, holds, known, note)
+    # a command recorded behind a filter runs ahead of its own past
+    if distortion is None and common.in_loop is not False and holds != ("band-limited",):
+        causal = data.beside_loop(suspected=first.chosen.fit.growth > 0.0 or common.in_loop is True)
         if causal is not None:
             note("a loop may have answered the noise: starting from an autoregressive response")
-            begun = min(begun, _begin(causal, holds, known, note), key=lambda start: start[2].evidence)
-    data, starts, first = begun
+            other = _begin(causal, holds, known, note)
+            if other[2].evidence < first.evidence - CERTAIN:
+                data, starts, first = other
     friction = None
     if options.friction and distortion is None and common.references is None:
         friction = fit_friction(first, holds, known, note)
