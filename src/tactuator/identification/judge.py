@@ -278,6 +278,7 @@ def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
 
 _ONE_CLOCK = "record both columns with one clock"
 _SHORTER = "use a shorter part: --from-s, --to-s"
+_STATE_LOOP = "with --closed-loop yes if a position loop was closed around it"
 _NO_LOOP = "record the motor outside its position loop, with noise several times as large as the friction"
 _SHOWN = 20.0
 """Radians that a resonance turns in a record; one that turns less may be two integrators."""
@@ -297,10 +298,11 @@ def judge(result: Identification, common: Prepared) -> Identification:
     slowest = 1.0 / common.longest_s
     lasting = sum(abs(pole.real) < slowest and pole.imag > _SHOWN * slowest for pole in unknown)
     rest = 1.0 - result.fit_percent / 100.0
+    seen_loop = result.tests.feedback is True
     follows = result.tests.uncorrelated_p < CHANCE
     rows = [
         # a loop that is known works against what disturbs: of what it leaves no command explains much
-        *([] if common.in_loop else [trust.EXPLAINED.of(100.0 * (1.0 - rest**2))]),
+        *([] if common.in_loop else [trust.EXPLAINED.of(100.0 * (1.0 - rest**2), remedy=_STATE_LOOP * seen_loop)]),
         trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
         trust.LASTING.of(float(lasting)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
