@@ -5,8 +5,8 @@ PI, PID and state feedback; binary dither on the command, a reference of held le
 regulation against a dither alone; sensor noise that is white or coloured, and a slow force at the plant's input (a
 resting finger), with and without the reference in the record. `--unstable` draws plants that only the loop holds.
 A model is wrong where it is trusted and departs from the truth by more than its band and 0.1 dB over the range that it
-calls valid. Of the first 60, without the autoregressive start 49 bands held the truth and 6 of 39 that were trusted were
-wrong; of the 20 unstable ones 1 of 12 still is.
+calls valid. Of the first 60, without the autoregressive start, 49 bands held the truth and 6 of 39 that were trusted
+were wrong; of the 20 unstable ones 1 of 12 still is.
 """
 
 from __future__ import annotations
