@@ -35,11 +35,11 @@ def plant(rng: np.random.Generator, unstable: bool) -> tuple[Array, Array]:
     zeta = float(np.exp(rng.uniform(np.log(0.1), np.log(1.5))))
     if unstable:
         grow, fall = w * rng.uniform(0.05, 0.5), w * rng.uniform(0.5, 2.0)
-        return np.array([grow * fall]), np.polymul([1.0, -grow], [1.0, fall])
+        return np.array([grow * fall]), np.array([1.0, fall - grow, -grow * fall])
     num, den = np.array([w * w]), np.array([1.0, 2.0 * zeta * w, w * w])
     if rng.random() < 0.25:
         high = w * rng.uniform(4.0, 10.0)
-        num, den = num * high**2, np.polymul(den, [1.0, 0.06 * high, high * high])
+        num, den = num * high**2, np.convolve(den, [1.0, 0.06 * high, high * high])
     return num, den
 
 
