@@ -148,6 +148,7 @@ def held(plant, rng, rate_hz, duration_s, noise_db, closed=False):
     full, now, before, c, late = _steps(plant, rate_hz)
     gain, corner = _regulator(plant, rng, rate_hz, True) if closed else (1.0, 0.0)
 
+    @np.errstate(over="ignore", invalid="ignore")  # a loop that runs away is drawn again
     def run(noise):
         state, command, position, summed = np.zeros(c.size), np.zeros(total), np.zeros(total), 0.0
         for k in range(total):

@@ -126,7 +126,7 @@ def test_address__port_name_or_files_that_cannot_be__are_refused(run, tmp_path) 
         ({"certificate": "certificate.pem"}, "no pair"),
         ({"certificate": "certificate.pem", "key": "other.pem"}, "no pair"),
         ({"certificate": "certificate.pem", "key": "locked.pem"}, "no pair without a password"),
-        ({"certificate": "nothing.pem", "key": "key.pem"}, "No such file"),
+        ({"certificate": "nothing.pem", "key": "key.pem"}, "file not found"),
     ):
         with pytest.raises(BadInput, match=message):
             Address(**{name: TLS / value if isinstance(value, str) else value for name, value in given.items()})
@@ -168,7 +168,7 @@ def test_operator_token_and_store__are_not_guessed_nor_read_by_others(tmp_path, 
     assert len(serve._operator_token(None)) >= 16
     monkeypatch.setenv(serve.TOKEN_VARIABLE, "fedcba9876543210")
     assert serve._operator_token(None) == "fedcba9876543210"
-    with pytest.raises(BadInput, match="No such file"):
+    with pytest.raises(BadInput, match="file not found"):
         serve._operator_token(tmp_path / "other")
     Store(tmp_path / "lab.db").close()
     assert stat.S_IMODE((tmp_path / "lab.db").stat().st_mode) == 0o600
