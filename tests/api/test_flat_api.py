@@ -136,7 +136,7 @@ def results(known: dict[str, object]) -> list[Result]:
         tt.read_curve("curve.csv"), tt.read_model("model.json"), tt.calibrate("pairs.csv"), tt.build(controller),
         tt.measure_response(rig, controller, [30.0, 100.0]), tt.noise(rig, controller, duration_s=4.0),
         tt.render("speech.wav", controller, "spoken.wav"), tt.play(rig, controller, "protocols/a.wav"),
-        tt.thresholds("lab.db"), PaperResult(Path("out"), {"seed": 1}, (("what", "paper", "here"),)),
+        tt.thresholds("lab.db"), PaperResult(Path("out"), {"seed": 1}, (("what", "printed", "here", "rests on"),)),
         wordlength(controller), tt.record("display.toml", duration_s=4.0, excitation="noise"),
         tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]), tt.init(out="mine too.toml"),
         tt.crosstalk(rig, controller, [30.0, 100.0]),
