@@ -126,7 +126,7 @@ def test_address__port_name_or_files_that_cannot_be__are_refused(run, tmp_path) 
         ({"certificate": "certificate.pem"}, "no pair"),
         ({"certificate": "certificate.pem", "key": "other.pem"}, "no pair"),
         ({"certificate": "certificate.pem", "key": "locked.pem"}, "no pair without a password"),
-        ({"certificate": "nothing.pem", "key": "key.pem"}, "file not found"),
+        ({"certificate": "nothing.pem", "key": "key.pem"}, "No such file"),
     ):
         with pytest.raises(BadInput, match=message):
             Address(**{name: TLS / value if isinstance(value, str) else value for name, value in given.items()})
