@@ -116,8 +116,8 @@ def test_page__with_another_token__says_which_address_to_open(browser, tmp_path)
         made.wait_for_selector("body[data-ready=start]")
         go(made, "scope")
         made.wait_for_selector("code:has-text('--rig simulated')")  # how to begin it with a rig
-        with tabs.expect_page() as opened:
-            made.locator("#to-display").click(modifiers=["Control"])
-        opened.value.wait_for_selector("body[data-ready=display] h1")
+        opened = tabs.new_page()  # by the link's address: Chromium 150 crashes when any link is clicked with Control
+        opened.goto(made.locator("#to-display").evaluate("link => link.href"))
+        opened.wait_for_selector("body[data-ready=display] h1")
         assert made.locator("#banner").is_hidden()
         tabs.close()
