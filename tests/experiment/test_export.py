@@ -10,12 +10,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from sqlalchemy import update
 
 from tactuator.errors import BadInput
-from tactuator.experiment.export import cell, export
+from tactuator.experiment.export import FORMS, cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
+from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
@@ -230,3 +232,52 @@ def test_trials__times__are_of_page_and_server(tmp_path) -> None:
     assert not math.isnan(float(trial["rig_tick"]))
     opened_study(made, clock)
     made.close()
+
+
+BROKEN = ONE_SUBJECT.replace('"short"', '"broken"').replace("[30, 90, 210]", "[210]")
+UNREADABLE = {"kind": ('kind = "quest-plus"', 'kind = "no-such-package"'), "text": ("[study]", "[study")}
+AT_CHANCE = {"chance": (QUESTS, 'kind = "up-down"\ndown = 1\n[paradigm]\nintervals = 2')}
+
+
+def answered_store(path, *texts):
+    """A store in which one simulated subject has gone through each protocol."""
+    made = Store(path)
+    for text in texts:
+        place = apparatus()
+        curve = place.controller.display.channels[0].threshold.curve
+        people = simulated_observers(curve, 1, 3, place.band_hz)
+        run_study(made, parse_protocol(text, Protocol), text, place, people, ObedientClock())
+    return made
+
+
+def tables_of(folder, study):
+    """The rows of a study in every table, as text, without the numbers that the store gives."""
+    own = ("run", "received_utc")
+    return {
+        path.stem: [{k: v for k, v in row.items() if k not in own} for row in rows(path) if row["study"] == study]
+        for path in sorted(folder.glob("*.csv"))
+        if path.stem != "dictionary"
+    }
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("change", [*(UNREADABLE | AT_CHANCE).values()], ids=[*(UNREADABLE | AT_CHANCE)])
+def test_export__one_study_cannot_be_refitted__keeps_its_trials_and_leaves_the_others_as_they_are(
+    tmp_path, change, first
+) -> None:
+    with closing(answered_store(tmp_path / "alone.db", ONE_SUBJECT)) as alone:
+        export(alone, tmp_path / "alone", "tidy")
+    texts = (BROKEN, ONE_SUBJECT) if first else (ONE_SUBJECT, BROKEN)
+    with closing(answered_store(tmp_path / "lab.db", *texts)) as both:
+        with both.begin() as connection:
+            version = schema.protocol_version
+            broken = BROKEN.replace(*change)
+            assert broken != BROKEN
+            connection.execute(update(version).where(version.c.toml == BROKEN).values(toml=broken))
+        for form in FORMS:
+            assert export(both, tmp_path / form, form) == 68
+    assert tables_of(tmp_path / "tidy", "short") == tables_of(tmp_path / "alone", "short")
+    assert len(tables_of(tmp_path / "tidy", "broken")["trials"]) == 18
+    without = tables_of(tmp_path / "tidy", "broken")["thresholds"]
+    assert [row["flags"] for row in without] == (["no-refit"] if change in AT_CHANCE.values() else [])
+    assert not any(row["refit_db_sl"] for row in without)

@@ -313,10 +313,17 @@ class StoreThresholds(Result):
             found("subjects", len({threshold.subject for threshold in thresholds})),
             found("thresholds", f"{min(levels):.1f} to {max(levels):.1f} dB SL"),
             *([found("doubtful (flagged)", flagged)] if flagged else []),
+            *([found("runs without a threshold", without)] if (without := len(self.results.not_refitted)) else []),
             *([] if group is None else [found("curve across subjects", group.curve.provenance)]),
             *([found("simulated", "nobody felt this")] if self._simulated else []),
             *data(self.results.document()),
         ]
+
+    def notices(self) -> Sequence[str]:
+        by_reason: dict[str, list[str]] = {}
+        for run, reason in self.results.not_refitted:
+            by_reason.setdefault(reason, []).append(str(run.run.id))
+        return [f"no threshold of run {', '.join(ids)}: {reason}" for reason, ids in by_reason.items()]
 
     @property
     def _simulated(self) -> bool:

@@ -25,7 +25,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.recognition import Paradigm
 from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
-from tactuator.experiment.result.thresholds import refit_prior, thresholds
+from tactuator.experiment.result.thresholds import fitted, refit_prior
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import CONSENT_NAME
 from tactuator.experiment.store.store import Store
@@ -35,6 +35,7 @@ from tactuator.experiment.store.stored_runs import (
     PROGRAMS,
     TRIALS,
     Column,
+    StoredRun,
     detection_runs,
     selected,
     stored_protocols,
@@ -154,32 +155,59 @@ def _thresholds(store: Store) -> list[TableRow]:
         studies = {row.id: row.name for row in connection.execute(select(schema.study))}
         versions = {row.id: row.number for row in connection.execute(select(schema.protocol_version))}
     by_run, names = {run.run.id: run for run in runs}, [column.name for column in COLUMNS["thresholds"]]
+    of_runs, order = fitted(runs), {run.run.id: place for place, run in enumerate(runs)}
+    found = [(by_run[threshold.run], asdict(threshold)) for threshold in of_runs.thresholds]
+    found += [(run, _without_refit(run)) for run, _ in of_runs.refused]
     rows = []
-    for threshold in thresholds(runs):
-        session, run = by_run[threshold.run].session, by_run[threshold.run].run
-        row = asdict(threshold) | {name: getattr(run, name) for name in ("respondent", "rig_simulated", "shown")}
-        row |= {"study": studies[session.study_id], "visit": session.visit, "flags": "|".join(threshold.flags)}
+    for of_run, threshold in sorted(found, key=lambda each: order[each[0].run.id]):
+        session, run = of_run.session, of_run.run
+        row = threshold | {name: getattr(run, name) for name in ("respondent", "rig_simulated", "shown")}
+        row |= {"study": studies[session.study_id], "visit": session.visit, "flags": "|".join(threshold["flags"])}
         row["protocol_version"] = versions[run.protocol_version_id]
-        row["group"] = "simulated" if run.respondent in PROGRAMS else threshold.group
-        rows.append({name: _plain(row[name]) for name in names})
+        row["group"] = "simulated" if run.respondent in PROGRAMS else session.subject_group
+        rows.append({name: _plain(row.get(name)) for name in names})
     return rows
+
+
+def _without_refit(run: StoredRun) -> TableRow:
+    """Return what is known of the threshold of a run that cannot be refitted: that it is not known."""
+    about = {"subject": run.session.subject_code, "trials": run.correct.size, "flags": ("no-refit",)}
+    names = ("finger", "frequency_hz", "procedure", "curve")
+    return about | {"run": run.run.id} | {name: getattr(run.run, name) for name in names}
 
 
 def _settings(connection: Connection) -> dict[str, dict[str, object]]:
     version, study = schema.protocol_version, schema.study
     detection = stored_protocols(connection, Protocol)
-    refitted = {row: each for row, each in detection.items() if not each.procedure.chooses_frequency}
     query = select(version, study.c.name.label("study")).join(study).order_by(version.c.study_id, version.c.number)
     return {
         f"protocol-{row.study_id}-{row.number}": {
             "study": row.study,
             "version": row.number,
             **{name: row._mapping[name] for name in ("reason", "sha256", "tool_version", "created_utc")},
-            "protocol": json.loads(json.dumps(tomllib.loads(row.toml), default=str)),
-            **({"refit": refit_prior(refitted[row.id]).settings()} if row.id in refitted else {}),
+            "protocol": _document(row.toml),
+            **_refit_settings(detection.get(row.id)),
         }
         for row in connection.execute(query)
     }
+
+
+def _document(toml: str) -> object:
+    """Return a protocol as JSON has it; its text, where that is not TOML."""
+    try:
+        return json.loads(json.dumps(tomllib.loads(toml), default=str))
+    except tomllib.TOMLDecodeError:
+        return toml
+
+
+def _refit_settings(protocol: Protocol | None) -> dict[str, object]:
+    """Return what another program needs to refit the protocol's runs, or why they cannot be refitted."""
+    if protocol is None or protocol.procedure.chooses_frequency:
+        return {}
+    try:
+        return {"refit": refit_prior(protocol).settings()}
+    except BadInput as error:
+        return {"no_refit": str(error)}
 
 
 def label(text: str) -> str:

@@ -52,6 +52,11 @@ class RefitPrior:
     reach_db: float = 30.0
     step_db: float = 0.25
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.guess < self.target < 1.0:
+            got = f"refit at {100.0 * self.target:.3g} % correct, where guesses are right in {100.0 * self.guess:.3g} %"
+            raise BadInput(got, "a point above chance and below 100 %")
+
     def settings(self) -> dict[str, object]:
         """Return the prior as values of a side-car, with what another program needs to compute the refit anew."""
         grid = _grid(self)

@@ -17,7 +17,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.result.group_level import GroupLevel, group_level
 from tactuator.experiment.result.played import catch_kinds
-from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, names_of_people, thresholds
+from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, fitted, names_of_people
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.io.csv_tables import resolve_curve
@@ -283,7 +283,7 @@ class StoreResults:
     runs: what the thresholds were taken from. reference: the curve that 0 dB SL stood for. group: the curve across
     subjects, with who is behind it and what was left out. no_curve: why there is none, where group is None. beside:
     where there are doubtful thresholds, the same curve without them, or with them where they were left out (None: there
-    is none); beside_is says which.
+    is none); beside_is says which. not_refitted: runs that have no threshold, each with the reason.
     """
 
     runs: tuple[StoredRun, ...]
@@ -293,6 +293,7 @@ class StoreResults:
     no_curve: BadInput | None
     beside: GroupCurve | None = None
     beside_is: str = ""
+    not_refitted: tuple[tuple[StoredRun, str], ...] = ()
 
     __repr__ = brief
 
@@ -321,6 +322,7 @@ class StoreResults:
             "curve_beside": None if self.beside is None else _points(self.beside),
             "doubtful": [_named(each) for each in doubtful],
             "left_out": [_named(each) for each in left_out],
+            "not_refitted": [{"run": run.run.id, "reason": reason} for run, reason in self.not_refitted],
         }
 
 
@@ -354,14 +356,15 @@ def store_results(
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
         raise BadInput(f"runs stand on the curves {', '.join(names)}", "--reference to name the one to extend by")
-    original, measured = resolve_curve(reference or names[0]), tuple(thresholds(runs))
+    of_runs = fitted(runs).require()
+    original, measured = resolve_curve(reference or names[0]), of_runs.thresholds
     band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
     across, refused = _across(measured, original, band_hz, leave_out)
     beside = None
     if any(is_doubtful(threshold) for threshold in measured):
         beside, _ = _across(measured, original, band_hz, sorted(set(leave_out) ^ {FLAGGED}))
     which = f"{'with' if FLAGGED in leave_out else 'without'} those flagged"
-    return StoreResults(runs, original, measured, across, refused, beside, which)
+    return StoreResults(runs, original, measured, across, refused, beside, which, of_runs.refused)
 
 
 def _across(

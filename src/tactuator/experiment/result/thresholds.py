@@ -84,24 +84,66 @@ def names_of_people(measured: Sequence[MeasuredThreshold]) -> dict[tuple[int, st
     return {(study, code): code if codes[code] == 1 else f"{code}-{study}" for study, code in each}
 
 
-def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
-    """Return the thresholds of every run; of a whole-curve run, one at each of its frequencies."""
-    parts = (runs[first : first + _RUNS_AT_ONCE] for first in range(0, len(runs), _RUNS_AT_ONCE))
-    return [threshold for part in parts for threshold in _thresholds(part)]
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Thresholds of runs, and what could not be refitted: each such run, with the reason."""
+
+    thresholds: tuple[MeasuredThreshold, ...]
+    refused: tuple[tuple[StoredRun, str], ...] = ()
+
+    def require(self) -> "Fitted":
+        """Raise BadInput where no run could be refitted."""
+        if self.refused and not self.thresholds:
+            run, reason = self.refused[0]
+            raise BadInput(f"run {run.run.id} cannot be refitted: {reason}")
+        return self
 
 
-def _thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
-    measured: dict[int, list[MeasuredThreshold]] = {}
+def fitted(runs: Sequence[StoredRun]) -> Fitted:
+    """Return the thresholds of every run that can be refitted; of a whole-curve run, one at each of its frequencies.
+
+    The runs of one protocol at one display are fitted together, apart from all others, so that a study's numbers are
+    the same to the last bit whatever else is in its store.
+    """
     alike: dict[tuple[int, float, float], list[int]] = {}
     for index, run in enumerate(runs):
-        if run.protocol.procedure.chooses_frequency:
-            measured[index] = _whole_curve(run)
-        else:
-            key = (run.run.protocol_version_id, run.run.band_low_hz, run.run.band_high_hz)
-            alike.setdefault(key, []).append(index)
+        key = (run.run.protocol_version_id, run.run.band_low_hz, run.run.band_high_hz)
+        alike.setdefault(key, []).append(index)
+    found: dict[int, list[MeasuredThreshold] | str] = {}
     for members in alike.values():
-        measured |= zip(members, _at_one_frequency([runs[index] for index in members]), strict=True)
-    return [threshold for index in range(len(runs)) for threshold in measured[index]]
+        for first in range(0, len(members), _RUNS_AT_ONCE):
+            part = members[first : first + _RUNS_AT_ONCE]
+            found |= zip(part, _each_fitted([runs[index] for index in part]), strict=True)
+    measured: list[MeasuredThreshold] = []
+    refused = []
+    for index, run in enumerate(runs):
+        of_run = found[index]
+        if isinstance(of_run, str):
+            refused.append((run, of_run))
+        else:
+            measured += of_run
+    return Fitted(tuple(measured), tuple(refused))
+
+
+def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
+    """Return the thresholds of the runs that can be refitted. Raises BadInput where none of them can."""
+    return list(fitted(runs).require().thresholds)
+
+
+def _each_fitted(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold] | str]:
+    """Return the thresholds of each run, or why it has none; all are of one protocol at one display.
+
+    Where one run cannot be refitted, the others are: halves of them are fitted, down to that run.
+    """
+    try:
+        if runs[0].protocol.procedure.chooses_frequency:
+            return [_whole_curve(run) for run in runs]
+        return [*_at_one_frequency(runs)]
+    except (ValueError, ArithmeticError, LookupError) as error:  # also of another package's procedure
+        if len(runs) == 1:
+            return [str(error)]
+        middle = len(runs) // 2
+        return [*_each_fitted(runs[:middle]), *_each_fitted(runs[middle:])]
 
 
 def playable_in(run: StoredRun, mains_hz: float) -> Playable:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import chain, groupby
@@ -69,10 +70,17 @@ def selected(table: str, *names: str) -> list[ColumnElement[Any]]:
 
 
 def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
-    """Return the protocols of that form by the row of their version, the oldest first; form: StudyProtocol for all."""
+    """Return the protocols of that form by the row of their version, the oldest first; form: StudyProtocol for all.
+
+    One that cannot be read here, of another release or of a package that is not installed, is left out: it keeps
+    nobody from the other studies of the store.
+    """
     version = schema.protocol_version.c
     query = select(version.id, version.toml).order_by(version.id)
-    every = {row.id: parse_protocol(row.toml, StudyProtocol) for row in connection.execute(query)}
+    every: dict[int, StudyProtocol] = {}
+    for row in connection.execute(query):
+        with suppress(BadInput):
+            every[row.id] = parse_protocol(row.toml, StudyProtocol)
     return {row: protocol for row, protocol in every.items() if isinstance(protocol, form)}
 
 
@@ -116,14 +124,15 @@ class StoredRun:
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
     """Return the runs that are done in all the store's studies, or in one session or group of subjects.
 
-    Practice and what was withdrawn are left out. Raises BadInput without any.
+    Practice and what was withdrawn are left out, and runs of a protocol that cannot be read here. Raises BadInput
+    without any.
     """
     with store.read() as connection:
         protocols = stored_protocols(connection, Protocol)
         sessions = {row.id: row for row in connection.execute(session_query())}
         wanted = _done(FORCED_CHOICE, session, group)
         done = select(schema.run).select_from(schema.RUNS).where(*wanted).order_by(*_IN_ORDER)
-        rows = list(connection.execute(done))
+        rows = [row for row in connection.execute(done) if row.protocol_version_id in protocols]
         runs = []
         for first in range(0, len(rows), _RUNS):
             part = rows[first : first + _RUNS]
