@@ -35,7 +35,8 @@ from tactuator.io.display import parse_display, read_display
 from tactuator.io.environment import write_environment
 from tactuator.io.kinds import KINDS, kind_of
 from tactuator.io.model import write_model
-from tactuator.io.record import are_of_response, read_measured, read_record, write_record
+from tactuator.io.record import read_measured, read_record, write_record
+from tactuator.io.response_table import are_of_response
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.io.response import write_responses
 from tactuator.io.shipped import (
@@ -349,10 +350,10 @@ def test_read_table__numbers_in_any_form__are_those_of_float(tmp_path_factory, n
     path.write_bytes(end.join(lines).encode())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(text_table, "_PIECE_CHARACTERS", piece)
-        names, values, cut = read_table(path, 1000, 10000)
-    assert names == ["a", "b", "c"]
-    assert not cut
-    np.testing.assert_array_equal(values, [[float(cell) for cell in row] for row in cells])
+        table = read_table(path, 1000, 10000)
+    assert table.names == ("a", "b", "c")
+    assert not table.cut
+    np.testing.assert_array_equal(table.values, [[float(cell) for cell in row] for row in cells])
 
 
 @pytest.mark.parametrize(
@@ -362,8 +363,7 @@ def test_read_table__numbers_in_any_form__are_those_of_float(tmp_path_factory, n
 def test_read_table__an_odd_row_among_numbers__is_nan_where_it_is_none(tmp_path: Path, text: str) -> None:
     path = tmp_path / "t.csv"
     path.write_text(text, newline="")
-    _, values, _ = read_table(path, 100, 1000)
-    np.testing.assert_array_equal(values, [[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])
+    np.testing.assert_array_equal(read_table(path, 100, 1000).values, [[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])
 
 
 @pytest.mark.parametrize("text", ["1,2\n3,4\n5\n", "1,2\n3,4\n5,6,7\n", "1,2\n3,4 5\n1\n"])
@@ -379,17 +379,17 @@ def test_read_table__limit_of_rows__is_kept_and_told(tmp_path, monkeypatch, most
     path = tmp_path / "t.csv"
     path.write_text("".join(f"{k},{k}\n" for k in range(10)) + "\n\n")
     monkeypatch.setattr(text_table, "_PIECE_CHARACTERS", 10)
-    _, values, was_cut = read_table(path, most, 1000)
-    assert (values[:, 1].tolist(), was_cut) == (list(range(read)), cut)
-    _, values, was_cut = read_table(path, most, 12)
-    assert (len(values), was_cut) == (6, True)
+    table = read_table(path, most, 1000)
+    assert (table.values[:, 1].tolist(), table.cut) == (list(range(read)), cut)
+    table = read_table(path, most, 12)
+    assert (len(table.values), table.cut) == (6, True)
 
 
 def test_read_table__long_remarks__are_passed_over_or_refused(tmp_path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("# remark\n" * 5000 + "t,u\n0,1.5\n1,2.5\n")
-    names, values, cut = read_table(path, 10, 100)
-    assert (names, values.tolist(), cut) == (["t", "u"], [[0.0, 1.5], [1.0, 2.5]], False)
+    table = read_table(path, 10, 100)
+    assert (table.names, table.values.tolist(), table.cut) == (("t", "u"), [[0.0, 1.5], [1.0, 2.5]], False)
     path.write_text("# remark\n" * 100_001 + "t,u\n0,1.5\n")
     with pytest.raises(BadInput, match="remarks fill its first 100000 lines"):
         read_table(path, 10, 100)

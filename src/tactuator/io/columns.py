@@ -17,6 +17,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.hdf5 import opened_hdf5, require_survivable
 from tactuator.io.sound import require_whole, without_remarks
+from tactuator.io.text import encoding_of
 from tactuator.io.text_table import last_number_cut_off, read_table
 
 MOST_SAMPLES = 4_000_000
@@ -43,12 +44,12 @@ class Columns:
 
 
 def read_columns(path: Path) -> Columns:
-    """Read a file by its ending: .csv .txt .tsv .dat, .mat, .wav .flac, .h5 .hdf5. BadInput, one line, otherwise."""
+    """Read a file: text by its content, .mat, .wav .flac, .h5 .hdf5 by its ending. BadInput, one line, otherwise."""
     readers = {
         ".csv": _read_text, ".txt": _read_text, ".tsv": _read_text, ".dat": _read_text, ".mat": _read_matlab,
         ".wav": _read_sound, ".flac": _read_sound, ".h5": _read_hdf5, ".hdf5": _read_hdf5,
     }  # fmt: skip
-    reader = readers.get(path.suffix.lower())
+    reader = readers.get(path.suffix.lower(), _read_text if _is_text(path) else None)
     if not path.is_file():
         raise BadInput(f"record {path}: {'it is a folder' if path.is_dir() else 'file not found'}")
     if reader is None:
@@ -67,14 +68,24 @@ def read_columns(path: Path) -> Columns:
     return columns
 
 
+def _is_text(path: Path) -> bool:
+    """Return whether a file of any ending begins with text."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        start = file.read(4096)
+    return start != b"" and (b"\0" not in start or encoding_of(start) != "utf-8")
+
+
 def _read_text(path: Path) -> Columns:
-    names, table, cut = read_table(path, MOST_SAMPLES, MOST_VALUES)
-    last = None if cut else last_number_cut_off(path)
-    remarks: tuple[str, ...] = ()
+    table = read_table(path, MOST_SAMPLES, MOST_VALUES)
+    last = None if table.cut else last_number_cut_off(path)
+    values, remarks = table.values, tuple[str, ...]()
     if last is not None:
-        table = table[:-1]
+        values = values[:-1]
         remarks = (f"the file ends within its last number ({last}, of too few digits): its row is left out",)
-    return Columns({name: table[:, k] for k, name in enumerate(names)}, cut=cut, remarks=remarks)
+    columns = {name: values[:, k] for k, name in enumerate(table.names)}
+    return Columns(columns, units=table.units, cut=table.cut, remarks=remarks)
 
 
 def _read_matlab(path: Path) -> Columns:
@@ -97,6 +108,9 @@ def _gather(name: str, value: Any, columns: dict[str, FloatArray]) -> None:
             _gather(f"{name}.{field_name}", getattr(value, field_name), columns)
         return
     array = np.asarray(value)
+    if array.dtype.kind == "c":
+        _gather(f"{name} (real)", array.real, columns)
+        _gather(f"{name} (imag)", array.imag, columns)
     if array.dtype.kind not in "fiub":
         return
     array = np.asarray(array, dtype=np.float64)

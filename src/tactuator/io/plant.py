@@ -14,7 +14,7 @@ from tactuator.errors import BadInput, within
 from tactuator.io.columns import read_columns
 from tactuator.io.kinds import require_kind
 from tactuator.io.model import FORMAT, parse_model
-from tactuator.io.record import are_of_response, response_of
+from tactuator.io.response_table import are_of_response, response_of
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Recorded
 from tactuator.model.plant import system_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,13 @@ import scipy
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, unknown, within
+from tactuator.errors import BadInput, within
 from tactuator.io.atomic import atomic_path
+from tactuator.io.column_name import QUANTITIES, ColumnName, column_name
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
 from tactuator.io.kinds import require_kind
+from tactuator.io.response_table import NO_NAMES, ResponseColumns, are_of_response, asked_column, response_of
 from tactuator.signals.record import FrequencyResponse, Record
 
 _MOST_DROPPED = 0.02
@@ -134,86 +136,11 @@ def _judge(time_s: FloatArray, rate: float, by_count: FloatArray, missing: int) 
     return Stamps(rate, np.clip(place, 0.0, count - 1.0) + 1e-9 * np.arange(place.size), count, False, tuple(remarks))
 
 
-FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq_hz", "freq", "f_hz", "hz", "f")
-MAGNITUDE_NAMES = ("magnitude", "gain", "amplitude", "abs", "mag", "magnitude_v")
-LEVEL_NAMES = ("magnitude_db", "gain_db", "level_db", "mag_db", "db", "amplitude_db")
-PHASE_NAMES = {"phase_deg": np.pi / 180.0, "phase_degrees": np.pi / 180.0, "phase_rad": 1.0, "phase": np.pi / 180.0}
-REAL_NAMES, IMAGINARY_NAMES = ("real", "re", "response_real"), ("imag", "imaginary", "im", "response_imag")
-_TYPICAL = 0.01
-"""Relative error of a magnitude that comes without one: a tenth of a decibel."""
-
-
-def are_of_response(columns: Columns) -> bool:
-    """Return whether columns are a frequency and a magnitude (or real and imaginary part)."""
-    names = {name.lower() for name in columns.values}
-    parts = bool(names & set(REAL_NAMES)) and bool(names & set(IMAGINARY_NAMES))
-    return bool(names & set(FREQUENCY_NAMES)) and (parts or bool(names & {*MAGNITUDE_NAMES, *LEVEL_NAMES}))
-
-
-def response_of(path: Path, columns: Columns) -> FrequencyResponse:
-    """Return the response in a file's columns; points that are no number are left out, with a remark. Raises
-    BadInput.
-    """
-    with within(f"response {path}"):
-        return _assembled(path, columns)
-
-
-def _assembled(path: Path, columns: Columns) -> FrequencyResponse:
-    lower = {name.lower(): values for name, values in columns.values.items()}
-    frequency = _first(lower, FREQUENCY_NAMES)
-    level, magnitude = _first(lower, LEVEL_NAMES), _first(lower, MAGNITUDE_NAMES)
-    real, imaginary = _first(lower, REAL_NAMES), _first(lower, IMAGINARY_NAMES)
-    if level is None and magnitude is None and real is not None and imaginary is not None:
-        magnitude = np.hypot(real, imaginary)
-        lower["phase_rad"] = np.arctan2(imaginary, real)
-    if frequency is None or (level is None and magnitude is None):
-        raise BadInput(
-            f"columns {', '.join(columns.values)}",
-            "frequency_hz with magnitude or magnitude_db (and phase_deg), or with real and imag",
-        )
-    size = magnitude if magnitude is not None else 10.0 ** (np.asarray(level) / 20.0)
-    phase = next((lower[name] * factor for name, factor in PHASE_NAMES.items() if name in lower), None)
-    deviation, said = _deviation(lower, size.size)
-    known = np.isfinite(frequency) & np.isfinite(size) & np.isfinite(deviation)
-    remarks = [*columns.remarks, *([said] if said else [])]
-    if phase is not None and np.mean(np.isfinite(phase)) < 0.5:
-        raise BadInput(
-            f"the phase is missing at {int(np.sum(~np.isfinite(phase)))} of {phase.size} points",
-            "fewer than half, or no phase column at all (then the least phase is taken)",
-        )
-    if phase is not None:
-        known &= np.isfinite(phase)
-    if not np.all(known):
-        remarks.append(f"{int(np.sum(~known))} of {known.size} points are no numbers and are left out")
-    if phase is None:
-        remarks.append("there is no phase: that of least lag is taken, without dead time")
-    order = np.argsort(frequency[known], kind="stable")
-    hertz, size, deviation = (column[known][order] for column in (frequency, size, deviation))
-    turned = None if phase is None else phase[known][order]
-    about = {"file": path.name, "kind": "response"}
-    assumed = not {"confidence_db", "coherence"} & set(lower)
-    return FrequencyResponse(hertz, size, turned, deviation, about, tuple(remarks), assumed)
-
-
-def _first(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:
-    return next((columns[name] for name in names if name in columns), None)
-
-
-def _deviation(columns: dict[str, FloatArray], count: int) -> tuple[FloatArray, str]:
-    """Return the relative standard error, by a confidence in decibels (95 %) or by the coherence of one average."""
-    if "confidence_db" in columns:
-        return np.maximum((10.0 ** (columns["confidence_db"] / 20.0) - 1.0) / 1.96, 1e-5), ""
-    if "coherence" in columns:
-        share = np.clip(columns["coherence"], 1e-3, 1.0 - 1e-6)
-        return np.maximum(np.sqrt((1.0 - share) / (2.0 * share)), 1e-4), "the coherence is taken to be of one average"
-    return np.full(count, _TYPICAL), "there is no confidence: 1 % of the magnitude is taken"
-
-
 FORMAT = "tactuator-record/1"
 INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")
 OUTPUT_NAMES = ("position_v", "position", "output", "y", "out", "yest", "qm", "angle", "displacement", "velocity")
 REFERENCE_NAMES = ("reference", "reference_v", "setpoint", "ref")
-TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds")
+TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds", "x_value")
 RATE_NAMES = ("rate_hz", "fs", "rate", "samplerate", "sample_rate", "sampling_rate")
 STEP_NAMES = ("ts", "dt", "sample_time", "sampletime")
 
@@ -230,7 +157,8 @@ def read_record(
     """Read a record of any format that `read_columns` knows; names of columns or variables choose what is what.
 
     Left to itself it takes the usual names (command_v, input, u, ...), or, of exactly two columns beside the time, the
-    first as command. The rate comes from rate_hz, the file, or the time stamps, which must agree. Raises BadInput.
+    first as command. A name may be given with its unit, NAME=UNIT. The rate comes from rate_hz, the file, or the time
+    stamps, which must agree. Raises BadInput.
     """
     path = Path(path)
     columns = measured_columns(path)
@@ -238,15 +166,19 @@ def read_record(
         return _assemble(path, columns, input_name, output_name, reference_name, time_name, rate_hz)
 
 
-def read_measured(path: Path, **names: Any) -> Record | FrequencyResponse:
+def read_measured(path: Path, response: ResponseColumns = NO_NAMES, **names: Any) -> Record | FrequencyResponse:
     """Read what a file has: a record as `read_record` does, or a frequency response. Raises BadInput."""
-    return measured_of(path, measured_columns(path), **names)
+    return measured_of(path, measured_columns(path), response, **names)
 
 
-def measured_of(path: Path, columns: Columns, **names: Any) -> Record | FrequencyResponse:
+def measured_of(
+    path: Path, columns: Columns, response: ResponseColumns = NO_NAMES, **names: Any
+) -> Record | FrequencyResponse:
     """Return what `read_measured` reads in a file whose columns are read already."""
-    if are_of_response(columns):
-        return response_of(path, columns)
+    with within(f"record {path}"):
+        is_response = are_of_response(columns, response)
+    if is_response:
+        return response_of(path, columns, response)
     with within(f"record {path}"):
         return _assemble(path, columns, **names)
 
@@ -266,12 +198,16 @@ def _assemble(
     time_name: str | None = None,
     rate_hz: float | None = None,
 ) -> Record:
-    time = _pick(columns, time_name, TIME_NAMES, "time")
-    u_name, y_name = _signals(columns, input_name, output_name, time)
-    if time in (u_name, y_name):
-        which = "command" if time == u_name else "position"
-        raise BadInput(f"{time!r} is the {which} and the time", "another column for one of them")
-    r_name = _pick(columns, reference_name, REFERENCE_NAMES, "reference")
+    time = _pick(columns, time_name, TIME_NAMES, "time") or _by_unit(columns)
+    if time is not None and time_name is not None and time.unit.kind not in ("", "time"):
+        raise BadInput(f"{time.text!r}, named as time, is in {time.unit.text}", "a column of seconds, or NAME=UNIT")
+    u_column, y_column = _signals(columns, input_name, output_name, time)
+    u_name, y_name = u_column.text, y_column.text
+    if time is not None and time.text in (u_name, y_name):
+        which = "command" if time.text == u_name else "position"
+        raise BadInput(f"{time.text!r} is the {which} and the time", "another column for one of them")
+    r_column = _pick(columns, reference_name, REFERENCE_NAMES, "reference")
+    r_name = None if r_column is None else r_column.text
     u, y = columns.values[u_name], columns.values[y_name]
     r = None if r_name is None else columns.values[r_name]
     if reference_name is None and r is not None and (r.size != u.size or not np.all(np.isfinite(r))):
@@ -290,27 +226,60 @@ def _assemble(
             raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
-    if time is not None and columns.values[time].size == u.size:
-        stamps = read_stamps(columns.values[time] * _SECONDS.get(_ending(time), 1.0), known).held_against(y)
+    if time is not None and columns.values[time.text].size == u.size:
+        stamps = read_stamps(columns.values[time.text] * time.unit.factor, known).held_against(y)
         u, y = stamps.spread(u, True), stamps.spread(y, False)
         r = None if r is None else stamps.spread(r, True)
         known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
     elif known is None:
         raise BadInput("there is no rate and no time stamps", "a time column, or the rate in Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
-    u_unit, y_unit = (columns.units.get(name, _UNITS.get(_ending(name), "")) for name in (u_name, y_name))
-    return Record(float(known), u, y, u_unit, y_unit, r, about, tuple(remarks))
+    quantity = y_column.quantity
+    if quantity not in ("", "displacement") and "quantity" not in about:
+        about["quantity"] = quantity
+        remarks.append(f"{y_name!r} is read as {quantity} (--quantity)")
+    read = {u_name, y_name, time.text if time else "", "" if r is None else str(r_name)}
+    if unread := _unread(columns, read, columns.values[y_name].size):
+        remarks.append(f"not read: {', '.join(map(repr, unread))}")
+    units = (_unit(columns, column) for column in (u_column, y_column))
+    return Record(float(known), u, y, *units, r, about, tuple(remarks))
 
 
-_UNITS = {"v": "V", "mv": "mV", "mm": "mm", "um": "um", "m": "m", "nm": "nm"}
-_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_ENDING = re.compile(r"(?:_|[\[(])\s*(?!Nm\b)([^\W_]+)\s*[\])]?$")
+_OF_SIGNALS = ("voltage", "current", "force", *QUANTITIES)
 
 
-def _ending(name: str) -> str:
-    """Return what a column's name ends in after `_` or in brackets, in small letters, with u for µ; none for Nm."""
-    match = _ENDING.search(name)
-    return match[1].casefold().replace("\u03bc", "u") if match else ""
+def _unit(columns: Columns, column: ColumnName) -> str:
+    """Return the unit of a signal, as a model names it."""
+    return column.unit.text if column.unit.kind in _OF_SIGNALS else columns.units.get(column.text, "")
+
+
+def _by_unit(columns: Columns) -> ColumnName | None:
+    """Return the only column whose unit is one of time."""
+    times = [name for name in _names_of(columns, columns.values) if name.unit.kind == "time"]
+    return times[0] if len(times) == 1 and columns.values[times[0].text].size > 1 else None
+
+
+def _names_of(columns: Columns, names: Iterable[str]) -> list[ColumnName]:
+    return [column_name(name, columns.units.get(name, "")) for name in names]
+
+
+def _unread(columns: Columns, read: set[str], count: int) -> list[str]:
+    """Return the columns beside those that were read that look like a command, a position, a reference or a time."""
+    rest = [name for name, values in columns.values.items() if name not in read and values.size == count]
+    usual = {*INPUT_NAMES, *OUTPUT_NAMES, *REFERENCE_NAMES, *TIME_NAMES}
+    return [
+        name.text
+        for name in _names_of(columns, rest)
+        if _plain(name.base) in usual or name.unit.kind in (*_OF_SIGNALS, "time") or name.has(*_LIKE_SIGNALS)
+    ]
+
+
+_LIKE_SIGNALS = ("posit", "displ", "veloc", "accel", "command", "input", "output", "time", "refer", "setpoint")
+
+
+def _plain(name: str) -> str:
+    """Return the last part of a name, as a variable of a struct has several, in small letters."""
+    return name.lower().rpartition(".")[2].strip(" _,/:-")
 
 
 def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
@@ -332,34 +301,40 @@ def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
     return rate_hz
 
 
-def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str) -> str | None:
+def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str) -> ColumnName | None:
+    """Return the column that an option names, or the first of the usual names, with a unit behind it or without."""
     if asked is not None:
-        if asked in columns.values:
-            return asked
-        raise unknown(f"{what} column", asked, columns.values)
-    lower = {name.lower().rpartition(".")[2]: name for name in reversed(list(columns.values))}
-    lower |= {name.lower(): name for name in columns.values}
-    return next((lower[name] for name in usual if name in lower and columns.values[lower[name]].size > 1), None)
+        return asked_column(columns, asked, what)
+    names = _names_of(columns, reversed(list(columns.values)))
+    usable = [name for name in names if columns.values[name.text].size > 1]
+    named = {_plain(name.base): name for name in usable} | {_plain(name.text): name for name in usable}
+    named |= {name.text.lower(): name for name in usable}
+    return next((named[name] for name in usual if name in named), None)
 
 
-def _signals(columns: Columns, input_name: str | None, output_name: str | None, time: str | None) -> tuple[str, str]:
+def _signals(
+    columns: Columns, input_name: str | None, output_name: str | None, time: ColumnName | None
+) -> tuple[ColumnName, ColumnName]:
     u = _pick(columns, input_name, INPUT_NAMES, "input")
     y = _pick(columns, output_name, OUTPUT_NAMES, "output")
-    rest = [name for name, values in columns.values.items() if name != time and values.size > 1]
-    rest = [name for name in rest if name.lower().rpartition(".")[2] not in REFERENCE_NAMES] if len(rest) > 2 else rest
+    beside = [name for name, values in columns.values.items() if values.size > 1 and (not time or name != time.text)]
+    rest = _names_of(columns, beside)
+    if len(rest) > 2:
+        rest = [name for name in rest if _plain(name.base) not in REFERENCE_NAMES]
     if u is None and y is None and len(rest) == 2:
         u, y = rest
-    elif u is None and len(rest) == 2 and y in rest:
-        u = next(name for name in rest if name != y)
-    elif y is None and len(rest) == 2 and u in rest:
-        y = next(name for name in rest if name != u)
+    elif u is None and y is not None and len(rest) == 2 and y.text in beside:
+        u = next(name for name in rest if name.text != y.text)
+    elif y is None and u is not None and len(rest) == 2 and u.text in beside:
+        y = next(name for name in rest if name.text != u.text)
     if u is None or y is None:
         signals = (("command (input)", u), ("position (output)", y))
         missing = " and ".join(signal for signal, known in signals if known is None)
         missing += " (and time)" if time is None else ""
-        raise BadInput("which column is which is not clear", f"names for {missing}, each one of {', '.join(rest)}")
-    if u == y:
-        raise BadInput(f"input and output are both {u!r}", "two different columns")
+        named = ", ".join(name.text for name in rest)
+        raise BadInput("which column is which is not clear", f"names for {missing}, each one of {named}")
+    if u.text == y.text:
+        raise BadInput(f"input and output are both {u.text!r}", "two different columns")
     return u, y
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import codecs
-import csv
 import io
 import itertools
 import re
-import statistics
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -17,12 +17,15 @@ from pydantic_core import from_json
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.io.cells import cell_pair, cell_value, check_commas, decimal_point, is_comment, is_nearly_number, parts
+from tactuator.io.table_layout import DELIMITERS, Layout, find_layout
 from tactuator.io.text import encoding_of
 
+LARGEST_BYTES = 2 << 30
+"""Size of a text whose table is read: it takes minutes, and holds more rows than are kept."""
 _PIECE_CHARACTERS, _LONGEST_LINE = 2_000_000, 1_000_000
 _MOST_REMARKS = _MOST_LINES = 100_000
-_FIRST_ROWS = 200
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
+_FIRST_ROWS, _FIRST_LINES = 200, 600
 _OF_NUMBERS = b"0123456789.eE+- "
 
 
@@ -34,39 +37,57 @@ def _windows(error: Any) -> tuple[str, int]:
 codecs.register_error("tactuator-windows", _windows)
 
 
-def read_table(path: Path, most_rows: int, most_values: int) -> tuple[list[str], FloatArray, bool]:
-    """Return the names of a text's columns, their values (rows, columns), and True where rows were left unread.
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Numbers of a text. values: (rows, columns); names, units: of the columns; cut: rows were left unread."""
 
-    The limits are those of `TextTable.numbers`. Raises BadInput, with the reason alone, for a text without rows of
-    numbers.
+    names: tuple[str, ...]
+    values: FloatArray
+    units: Mapping[str, str]
+    cut: bool
+
+
+def read_table(path: Path, most_rows: int, most_values: int) -> Table:
+    """Return the table in a text, under whatever head.
+
+    Beyond most_rows, or most_values of all columns together, nothing is read. Raises BadInput, with the reason alone,
+    for a text without rows of numbers.
     """
+    if (size := path.stat().st_size) > LARGEST_BYTES:
+        raise BadInput(f"it has {size / 2**30:.1f} GiB", "up to 2 GiB (a part of it, or HDF5)")
     with path.open("rb") as file:
         encoding = encoding_of(start := file.read(64))
     if encoding == "utf-8" and b"\0" in start:
         raise BadInput("it is no text", "columns of numbers, as CSV has them")
     with path.open(encoding=encoding, errors="tactuator-windows") as stream:
-        text = TextTable(stream)
-        if text.is_empty:
+        lines = _first_lines(stream)
+        if all(line.isspace() or is_comment(line, None) for line in lines):
             raise BadInput(f"it is empty, or remarks fill its first {_MOST_REMARKS} lines", "columns of numbers")
-        blocks, cut = text.numbers(most_rows, most_values)
+        layout = find_layout(lines, path.suffix.lower())
+        blocks, cut = ([], False) if layout is None else _Rows(stream, layout).numbers(most_rows, most_values)
     table = np.concatenate(blocks) if blocks else np.zeros((0, 0))
-    if table.shape[0] == 0:
+    if layout is None or table.shape[0] == 0:
         raise BadInput("there are no rows of numbers in it", "columns of numbers")
-    names = text.names
-    if names is not None and table.shape[1] == len(names) + 1 and not np.any(np.isfinite(table[:, -1])):
-        table = table[:, :-1]
-    names = names or [f"column{k + 1}" for k in range(table.shape[1])]
-    if len(names) != table.shape[1]:
-        raise BadInput(f"{len(names)} names over {table.shape[1]} columns", "a name for each")
-    return names, table, cut
+    kept = [k for k, name in enumerate(layout.names) if not name.startswith("column") or np.isfinite(table[:, k]).any()]
+    return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut)
+
+
+def _first_lines(stream: TextIO) -> list[str]:
+    """Return the first lines, so many that some hundred of them are no remarks."""
+    lines, rows = [], 0
+    for line in itertools.islice(_lines(stream), _MOST_REMARKS):
+        lines.append(line)
+        rows += not line.isspace() and not is_comment(line, ";")
+        if rows == _FIRST_LINES:
+            break
+    return lines
 
 
 class TextTable:
-    """A table in a text: remarks, then perhaps a row of names, then rows of cells.
+    """A small table in a text: remarks, a row of names, then rows of cells.
 
-    Lines that begin with # or % are remarks. Cells are parted by tabs, semicolons or commas, whichever half of the
-    first rows have, or by blanks; a decimal comma becomes a point. Raises BadInput where the commas may as well
-    part thousands.
+    Cells are parted by tabs, semicolons or commas, whichever half of the first rows have, or by blanks; a decimal comma
+    becomes a point. Raises BadInput where the commas may as well part thousands.
 
     Parameters
     ----------
@@ -78,10 +99,7 @@ class TextTable:
         rows = (line for line in itertools.islice(_lines(stream), _MOST_REMARKS) if _is_row(line))
         first = list(itertools.islice(rows, _FIRST_ROWS))
         self._delimiter = _delimiter(first)
-        check_commas([cell for line in first for cell in _parts(line, self._delimiter)])
-        self.is_empty = not first
-        self.names = _header(first[0], self._delimiter) if first else None
-        self._comma = self._delimiter != "," and "," in "".join(first[1:])
+        check_commas([cell for line in first for cell in parts(line, self._delimiter)])
 
     def rows(self) -> list[list[str]]:
         """Return the cells of all rows, that of the names first. Raises BadInput for more than 100,000 lines."""
@@ -89,7 +107,7 @@ class TextTable:
         lines = list(itertools.islice(_lines(self._stream), _MOST_LINES + 1))
         if len(lines) > _MOST_LINES:
             raise BadInput(f"it has more than {_MOST_LINES} lines", f"up to {_MOST_LINES}")
-        rows = [_parts(line.replace("\0", ""), self._delimiter) for line in lines if _is_row(line)]
+        rows = [parts(line.replace("\0", ""), self._delimiter) for line in lines if _is_row(line)]
         check_commas([cell for row in rows for cell in row])
         return [[decimal_point(cell) for cell in row] for row in rows if any(row)]
 
@@ -98,27 +116,45 @@ class TextTable:
         self._stream.seek(0)
         return [line.lstrip("# ").rstrip() for line in _lines(self._stream) if line.startswith("#")]
 
-    def numbers(self, most_rows: int, most_values: int) -> tuple[list[FloatArray], bool]:
-        """Return the rows below the names in blocks, and True where some were left unread.
 
-        Beyond most_rows, or most_values of all columns together, nothing is read. What is no number is NaN. Raises
-        BadInput for rows of several lengths.
+def _is_row(line: str) -> bool:
+    return not line.lstrip().startswith(("#", "%")) and not line.isspace()
+
+
+def _delimiter(lines: list[str]) -> str | None:
+    """Return the mark between cells that at least half of the lines have, None for blanks; of several, one that the
+    first line has: a cell may list words with another, as the fingers of a curve.
+    """
+    marks = [mark for mark in DELIMITERS if mark and lines and 2 * sum(mark in line for line in lines) >= len(lines)]
+    return next((mark for mark in marks if mark in lines[0]), next(iter(marks), None))
+
+
+class _Rows:
+    """The rows of numbers of a text, read in pieces."""
+
+    def __init__(self, stream: TextIO, layout: Layout) -> None:
+        self._stream = stream
+        self._layout = layout
+
+    def numbers(self, most_rows: int, most_values: int) -> tuple[list[FloatArray], bool]:
+        """Return the rows in blocks, and True where some were left unread. What is no number is NaN. Raises BadInput
+        for rows of several lengths.
         """
         self._stream.seek(0)
-        if self.names is not None:
-            next(line for line in _lines(self._stream) if _is_row(line))
+        for _ in range(self._layout.head):
+            self._stream.readline(_LONGEST_LINE)
         blocks: list[FloatArray] = []
-        rows, most = 0, most_rows
-        while (piece := self._piece()) and rows <= most:
+        columns = len(self._layout.names)
+        rows, most = 0, min(most_rows, most_values // columns)
+        while rows <= most and (piece := self._piece()):
             block = self._plain(piece)
             block = self._any(piece, rows) if block is None else block
             if block.shape[0] == 0:
                 continue
+            if block.shape[1] != columns:
+                raise BadInput(f"row {rows + 1} has {block.shape[1]} of {columns} columns", "as many in each")
             blocks.append(block)
             rows += block.shape[0]
-            if block.shape[1] != blocks[0].shape[1]:
-                raise BadInput(f"row {rows} has another number of columns than the first", "as many in each")
-            most = min(most_rows, most_values // block.shape[1])
         if rows > most:
             blocks[-1] = blocks[-1][: blocks[-1].shape[0] - (rows - most)]
         return blocks, rows > most
@@ -134,12 +170,13 @@ class TextTable:
 
         A reader of JSON takes such numbers, correctly rounded, several times as fast as one of text tables.
         """
-        if self._delimiter is None or not piece.isascii():
+        delimiter = self._layout.delimiter
+        if delimiter is None or self._layout.pairs or not piece.isascii():
             return None
         raw = piece.encode("ascii")
-        if self._comma:
+        if self._layout.has_decimal_commas:
             raw = raw.replace(b",", b".")
-        mark = self._delimiter.encode("ascii")
+        mark = delimiter.encode("ascii")
         raw = raw if raw.endswith(b"\n") else raw + b"\n"
         width = raw[: raw.index(b"\n")].count(mark) + 1
         marks = raw.translate(None, _OF_NUMBERS)
@@ -154,57 +191,35 @@ class TextTable:
 
     def _any(self, piece: str, before: int) -> FloatArray:
         """Return the rows of any piece of text, after so many rows; what is no number is NaN."""
-        lines = [self._clean(line) for line in _lines(io.StringIO(piece)) if _is_row(line)]
+        lines = [line for line in _lines(io.StringIO(piece)) if self._layout.is_row(line)]
         if not lines:
             return np.zeros((0, 0))
-        try:
-            return np.loadtxt(lines, delimiter=self._delimiter, ndmin=2, comments=None)
-        except ValueError:
-            rows = [_cells(line, self._delimiter) for line in lines]
-            width = statistics.mode(len(row) for row in rows)
-            for number, row in enumerate(rows, start=before + 1):
-                if len(row) != width:
-                    allowed = "as many in each" if np.any(np.isfinite(row)) else "'#' before lines of text"
-                    raise BadInput(f"row {number} has {len(row)} of {width} columns", allowed) from None
-            return np.array(rows)
+        if not self._layout.pairs and '"' not in piece:
+            plain = [line.replace(",", ".") for line in lines] if self._layout.has_decimal_commas else lines
+            with suppress(ValueError):
+                return np.loadtxt(plain, delimiter=self._layout.delimiter, ndmin=2, comments=None)
+        return np.array([self._row(line, number) for number, line in enumerate(lines, start=before + 1)])
 
-    def _clean(self, line: str) -> str:
-        if '"' in line:
-            return (self._delimiter or " ").join(decimal_point(cell) for cell in _parts(line, self._delimiter)) + "\n"
-        return line.replace(",", ".") if self._comma else line
-
-
-def _is_row(line: str) -> bool:
-    return not line.lstrip().startswith(("#", "%")) and not line.isspace()
-
-
-def _delimiter(lines: list[str]) -> str | None:
-    """Return the mark between cells that at least half of the lines have, None for blanks; of several, one that the
-    first line has: a cell may list words with another, as the fingers of a curve.
-    """
-    marks = [mark for mark in ("\t", ";", ",") if lines and 2 * sum(mark in line for line in lines) >= len(lines)]
-    return next((mark for mark in marks if mark in lines[0]), next(iter(marks), None))
-
-
-def _header(line: str, delimiter: str | None) -> list[str] | None:
-    cells = [cell.strip("'") for cell in _parts(line, delimiter)]
-    if cells and not cells[-1]:
-        cells.pop()
-    if all(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan|NaN|", cell) for cell in cells):
-        return None
-    return cells
-
-
-def check_commas(cells: list[str]) -> None:
-    """Raise BadInput where the commas within numbers could as well part thousands as decimals."""
-    numbers = [cell for cell in cells if re.fullmatch(r"[-+]?[\d,]*,\d+([eE][-+]?\d+)?", cell)]
-    if numbers and all(_THOUSANDS.fullmatch(cell) for cell in numbers):
-        raise BadInput(f"{numbers[0]!r} may be thousands or a decimal comma", "decimal points")
-
-
-def decimal_point(cell: str) -> str:
-    """Return the cell with a point for the decimal comma of a number; anything else as it is."""
-    return cell.replace(",", ".") if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) else cell
+    def _row(self, line: str, number: int) -> list[float]:
+        """Return the numbers of a line. Raises BadInput for another number of cells than a row has, and for a cell of
+        digits and marks that is no number.
+        """
+        cells, width = self._layout.cells(line), self._layout.width
+        if len(cells) != width:
+            is_text = all(cell_value(cell) is None for cell in cells)
+            allowed = "'#' before lines of text" if is_text else "as many in each"
+            raise BadInput(f"row {number} has {len(cells)} of {width} columns", allowed)
+        values: list[float] = []
+        for place, cell in enumerate(cells):
+            if place in self._layout.pairs:
+                values += cell_pair(cell) or (float("nan"), float("nan"))
+                continue
+            value = cell_value(cell)
+            if value is None and is_nearly_number(cell):
+                name = self._layout.names[len(values)]
+                raise BadInput(f"{cell!r} in row {number} of {name} is no number", "digits with one decimal point")
+            values.append(float("nan") if value is None else value)
+        return values
 
 
 def _lines(stream: TextIO) -> Iterator[str]:
@@ -217,25 +232,6 @@ def _checked(line: str) -> str:
     if len(line) == _LONGEST_LINE:
         raise BadInput(f"a line is longer than {_LONGEST_LINE} characters", "rows of numbers")
     return line
-
-
-def _parts(line: str, delimiter: str | None) -> list[str]:
-    if '"' not in line:
-        return [cell.strip() for cell in line.strip().split(delimiter)]
-    try:
-        return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter or " "), [])]
-    except csv.Error as error:
-        raise BadInput(f"{error}", "cells of a table") from None
-
-
-def _cells(line: str, delimiter: str | None) -> list[float]:
-    cells = []
-    for cell in line.strip().split(delimiter):
-        try:
-            cells.append(float(cell))
-        except ValueError:
-            cells.append(float("nan"))
-    return cells
 
 
 _LAST_BYTES = 8192

@@ -1,0 +1,151 @@
+"""What the name of a column says: its words, its unit, and the quantity that it has."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from tactuator.errors import BadInput
+
+_KINDS: Mapping[str, Mapping[str, float]] = {
+    "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9, "mHz": 1e-3, "rpm": 1.0 / 60.0, "cpm": 1.0 / 60.0},
+    "angular": {"rad/s": 0.5 / math.pi, "rad/sec": 0.5 / math.pi},
+    "time": {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "usec": 1e-6,
+             "ns": 1e-9, "nsec": 1e-9, "min": 60.0},
+    "angle": {**dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), math.pi / 180.0),
+              **dict.fromkeys(("rad", "radian", "radians"), 1.0), "mrad": 1e-3, "pi rad": math.pi,
+              **dict.fromkeys(("gon", "grad"), math.pi / 200.0),
+              **dict.fromkeys(("cycle", "cycles", "turn", "turns"), 2.0 * math.pi)},
+    "level": {"dB": 1.0, "decibel": 1.0, "decibels": 1.0},
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6},
+    "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3, "volt": 1.0, "volts": 1.0},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "amp": 1.0, "amps": 1.0, "ampere": 1.0, "amperes": 1.0},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "torque": {"Nm": 1.0, "N m": 1.0, "mNm": 1e-3},
+    "impedance": {"ohm": 1.0, "ohms": 1.0, "\u03c9": 1.0},
+}  # fmt: skip
+"""Units by kind, each with its factor to the kind's own: Hz, s, rad, m, m/s, m/s², V, A, N, ohm."""
+QUANTITIES = ("displacement", "velocity", "acceleration")
+_WORDS = {
+    "displacement": ("displ", "posit", "deflec", "excurs", "stroke", "travel"),
+    "velocity": ("veloc", "speed"),
+    "acceleration": ("accel",),
+    "force": ("force", "torque", "mass", "weight"),
+}
+_SHORT = {"pos": "displacement", "disp": "displacement", "vel": "velocity", "acc": "acceleration"}
+_CANONICAL = {"volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A"}
+_ONE_LETTER = "vsm"
+"""Units of one letter that a name may end in as a small one: `command_v`; `_a` and `_n` are numbers of channels."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit. text: as models name it; kind: of quantity, "" for one that is not known; factor: to the kind's own."""
+
+    text: str = ""
+    kind: str = ""
+    factor: float = 1.0
+
+
+NO_UNIT = Unit()
+_UNITS = {
+    text: Unit(_CANONICAL.get(text, text), kind, factor)
+    for kind, units in _KINDS.items()
+    for text, factor in units.items()
+}
+
+
+def unit_of(text: str) -> Unit | None:
+    """Return the unit that a text names; None for another text. Raises BadInput for mhz, which two units are."""
+    plain = text.strip(" .[](){}").replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b2", "2")
+    plain = re.sub(r"[\^*]|\u00b7", "", plain).replace("_", "/").replace(" per ", "/").removeprefix("in ")
+    plain = plain.replace("/s/2", "/s2").replace("/s/s", "/s2").replace("\u03c0 rad", "pi rad")
+    if plain in _UNITS:
+        return _UNITS[plain]
+    if re.match(r"(?i)db\b|db(?:v|u|m|spl|fs)\b", plain):
+        return Unit("dB", "level")
+    if ratio := re.fullmatch(r"\(?(.+?)\)?/\(?(?:[mk]?V|[mu]?A|[mk]?N)\)?", plain):
+        return unit_of(ratio[1])
+    alike = [unit for name, unit in _UNITS.items() if name.casefold() == plain.casefold()]
+    if len(alike) > 1:
+        raise BadInput(f"the unit {text!r} may be {' or '.join(unit.text for unit in alike)}", "one spelt as these are")
+    one_letter = len(plain) == 1 and plain.casefold() not in _ONE_LETTER
+    return alike[0] if alike and not one_letter else None
+
+
+@dataclass(frozen=True)
+class ColumnName:
+    """The name of a column. text: as the file has it; base: without its unit; is_stated: the unit is not of the name."""
+
+    text: str
+    base: str
+    unit: Unit = NO_UNIT
+    is_stated: bool = False
+
+    @property
+    def words(self) -> frozenset[str]:
+        """Return the words of the name, without its unit, in small letters."""
+        parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", self.base)
+        return frozenset(word.casefold() for word in re.findall(r"[^\W_]+|[\u00b0\u2220]", parted))
+
+    def has(self, *starts: str) -> bool:
+        """Return whether one of its words begins so."""
+        return any(word.startswith(starts) for word in self.words)
+
+    @property
+    def quantity(self) -> str:
+        """Return the quantity by name and unit, "" where neither says it. Raises BadInput where they contradict."""
+        by_word = next((kind for kind, starts in _WORDS.items() if self.has(*starts)), "")
+        by_word = by_word or next((kind for word, kind in _SHORT.items() if word in self.words), "")
+        kind = self.unit.kind if self.unit.kind in QUANTITIES else ""
+        if self.unit.text in ("g", "mg") and by_word != kind and not self.is_stated:
+            allowed = f"acceleration in its name, or for acceleration {self.text + '=' + self.unit.text!r}"
+            raise BadInput(f"{self.text!r} may be in grams or in {self.unit.text} of acceleration", allowed)
+        if kind and by_word and kind != by_word:
+            raise BadInput(f"{self.text!r} is a {by_word} by its name and a {kind} by its unit", "one of them")
+        return kind or (by_word if by_word in QUANTITIES else "")
+
+
+def column_name(text: str, stated: str = "") -> ColumnName:
+    """Return what a name says. stated: its unit, where the file has it elsewhere.
+
+    A unit may be in any brackets, behind `_`, `/`, a comma or a blank, or a whole name. Raises BadInput for a unit in
+    the name that is of another kind than the one stated.
+    """
+    named = _split(text)
+    unit = unit_of(stated) if stated else None
+    if unit is None:
+        return named
+    if named.unit.kind and named.unit.kind != unit.kind:
+        raise BadInput(f"{text!r} is in {named.unit.text} by its name and in {unit.text} otherwise", "one unit")
+    return replace(named, unit=unit, is_stated=True)
+
+
+def _split(text: str) -> ColumnName:
+    plain = text.strip()
+    for pattern in (r"[\[({](.*)[\])}]\s*$", r"[\[({]([^\[\](){}]*)[\])}]\s*$"):
+        found = re.search(pattern, plain)
+        if found and (unit := unit_of(found[1])):
+            return ColumnName(text, plain[: found.start()], unit)
+    parts = list(re.finditer(r"[\s_/,.:\-]+", plain))
+    for mark in parts[-3:]:
+        ending = plain[mark.end() :]
+        unit = unit_of(ending) if len(ending) > 1 or mark[0].strip() else None
+        if unit is None and ending in ("a", "A") and "curr" in plain.casefold():
+            unit = _UNITS["A"]
+        if unit:
+            return ColumnName(text, plain[: mark.start()], unit)
+    if attached := re.search(r"(?<=[a-z])(?:dB|DB|Hz|Deg|Rad)$", plain):
+        return ColumnName(text, plain[: attached.start()], unit_of(attached[0]) or NO_UNIT)
+    whole = unit_of(plain) if len(plain) > 1 or plain == "\u00b0" else None
+    return ColumnName(text, "" if whole else plain, whole or NO_UNIT)
+
+
+def is_units(cells: Iterable[str]) -> bool:
+    """Return whether a row of cells has nothing but units."""
+    given = [cell.strip() for cell in cells if cell.strip(" -")]
+    return bool(given) and all(cell in ("1", "[]", "()") or unit_of(cell) is not None for cell in given)
