@@ -36,9 +36,9 @@ from tactuator.io.environment import write_environment
 from tactuator.io.kinds import KINDS, kind_of
 from tactuator.io.model import write_model
 from tactuator.io.record import read_measured, read_record, write_record
-from tactuator.io.response_table import are_of_response
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.io.response import write_responses
+from tactuator.io.response_table import are_of_response
 from tactuator.io.shipped import (
     DISPLAY_KINDS,
     EXAMPLES,

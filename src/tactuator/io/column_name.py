@@ -79,7 +79,7 @@ def unit_of(text: str) -> Unit | None:
 
 @dataclass(frozen=True)
 class ColumnName:
-    """The name of a column. text: as the file has it; base: without its unit; is_stated: the unit is not of the name."""
+    """The name of a column. text: as the file has it; base: without its unit; is_stated: another place has its unit."""
 
     text: str
     base: str

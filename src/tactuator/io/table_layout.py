@@ -22,10 +22,8 @@ _UNNAMED = {
     ".zma": ("frequency (Hz)", "impedance (ohm)", "phase (deg)"),
 }
 """Columns of formats that may come without names."""
-_KNOWN = (
-    ("freq", "time", "phas", "magn", "ampl", "gain", "mag", "real", "imag", "command", "posit", "input", "output")
-    + ("coher", "displ", "veloc", "accel", "voltage", "current", "spl", "level", "channel", "ch")
-)  # fmt: skip
+_KNOWN = ("freq", "time", "phas", "magn", "ampl", "gain", "mag", "real", "imag", "command", "posit", "input", "output")
+_KNOWN += ("coher", "displ", "veloc", "accel", "voltage", "current", "spl", "level", "channel", "ch")
 _LETTERS = {"t", "u", "y", "f", "x", "hz", "db", "re", "im", "in", "out", "deg", "ref"}
 
 
