@@ -77,8 +77,8 @@ def model(
     of model.json, and the command that does the same.
     """
     path, unseen = state.uploads.path(record), [state.uploads.path(key) for key in validate_on]
-    names = {"input_name": input, "output_name": output, "time_name": time}
-    measured = measured_of(path, measured_columns(path), **names, rate_hz=rate_hz)
+    names: dict[str, Any] = {"input_name": input, "output_name": output, "time_name": time, "rate_hz": rate_hz}
+    measured = measured_of(path, measured_columns(path), **names)
     options: dict[str, Any] = {"rate_hz": rate_hz, "order": order, "zeros": zeros, "hold": hold}
     fit = identify(measured, input, output, time_name=time, validate=unseen, **options)
     table, trust = fit.tables()

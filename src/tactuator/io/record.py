@@ -241,8 +241,8 @@ def _assemble(
     read = {u_name, y_name, time.text if time else "", "" if r is None else str(r_name)}
     if unread := _unread(columns, read, columns.values[y_name].size):
         remarks.append(f"not read: {', '.join(map(repr, unread))}")
-    units = (_unit(columns, column) for column in (u_column, y_column))
-    return Record(float(known), u, y, *units, r, about, tuple(remarks))
+    u_unit, y_unit = _unit(columns, u_column), _unit(columns, y_column)
+    return Record(float(known), u, y, u_unit, y_unit, r, about, tuple(remarks))
 
 
 _OF_SIGNALS = ("voltage", "current", "force", *QUANTITIES)

@@ -22,8 +22,10 @@ _UNNAMED = {
     ".zma": ("frequency (Hz)", "impedance (ohm)", "phase (deg)"),
 }
 """Columns of formats that may come without names."""
-_KNOWN = ("freq", "time", "phas", "magn", "ampl", "gain", "mag", "real", "imag", "command", "posit", "input", "output")
-_KNOWN += ("coher", "displ", "veloc", "accel", "voltage", "current", "spl", "level", "channel", "ch")
+_KNOWN = tuple(
+    "freq time phas magn ampl gain mag real imag command posit input output coher displ veloc accel voltage current spl "
+    "level channel ch".split()
+)
 _LETTERS = {"t", "u", "y", "f", "x", "hz", "db", "re", "im", "in", "out", "deg", "ref"}
 
 
@@ -84,7 +86,7 @@ def find_layout(lines: Sequence[str], ending: str = "") -> Layout | None:
         return None
     below = [row.cells for row in rows if row.place >= start and len(row.cells) == width]
     check_commas([cell for cells in below for cell in cells])
-    pairs = {k: units for k in range(width) if (units := pair_units([cells[k] for cells in below]))}
+    pairs = {k: halves for k in range(width) if (halves := pair_units([cells[k] for cells in below]))}
     head = lines[:start]
     touchstone = _touchstone(head, width)
     is_spare = not any(cells[-1] for cells in below)
