@@ -16,10 +16,10 @@ from tactuator.signals.record import FrequencyResponse
 
 _TYPICAL = 0.01
 """Relative error of a magnitude that comes without one: a tenth of a decibel."""
-_ASIDE = tuple(
-    "confid noise error std stdev deviat distort thd floor delay group latency uncert limit target minim maxim tolerance "
-    "snr attenuat loss weight".split()
-)
+_ASIDE = (
+    "confid", "noise", "error", "std", "stdev", "deviat", "distort", "thd", "floor", "delay", "group", "latency",
+    "uncert", "limit", "target", "minim", "maxim", "tolerance", "snr", "attenuat", "loss", "weight",
+)  # fmt: skip
 """Beginnings of words that make a column something else than the response itself."""
 _LEAST_TURN_DEG = 45.0
 """A phase without a unit that stays within it may as well be radians, of seven turns of dead time."""

@@ -22,10 +22,10 @@ _UNNAMED = {
     ".zma": ("frequency (Hz)", "impedance (ohm)", "phase (deg)"),
 }
 """Columns of formats that may come without names."""
-_KNOWN = tuple(
-    "freq time phas magn ampl gain mag real imag command posit input output coher displ veloc accel voltage current spl "
-    "level channel ch".split()
-)
+_KNOWN = (
+    "freq", "time", "phas", "magn", "ampl", "gain", "mag", "real", "imag", "command", "posit", "input", "output",
+    "coher", "displ", "veloc", "accel", "voltage", "current", "spl", "level", "ch",
+)  # fmt: skip
 _LETTERS = {"t", "u", "y", "f", "x", "hz", "db", "re", "im", "in", "out", "deg", "ref"}
 
 
