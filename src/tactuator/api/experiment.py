@@ -31,7 +31,7 @@ from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
-from tactuator.experiment.session.studies import Correction, StudyRecords, fresh_token, study_records
+from tactuator.experiment.session.studies import Correction, StudyRecords, fresh_token, study_records, task_of
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
@@ -63,6 +63,51 @@ Code = Annotated[str, Argument("Code of the subject: letters and digits.", metav
 ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]
 OperatorName = Annotated[str | None, Option("Who does this, which is kept; default: your login name.")]
 SkinTemperatureC = Annotated[float | None, Option("Skin temperature of the day, °C.")]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CheckedProtocol(Result):
+    """Whether a study can come to results at a display: every reason why it cannot, and what else it warns of."""
+
+    study: str
+    asks: str
+    runs: int
+    minutes: float
+    faults: tuple[BadInput, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        return not self.faults
+
+    def notices(self) -> Sequence[str]:
+        return [f"warning: {warning}" for warning in self.warnings]
+
+    def facts(self) -> Sequence[Fact]:
+        return [
+            Fact("study", self.study, "study", summary=True),
+            Fact("asks", self.asks, "what is asked", summary=True),
+            Fact("runs", self.runs, "runs of a visit", summary=True),
+            Fact("minutes", self.minutes, "a visit plays about", "min", ".0f", summary=True),
+            Fact("holds", self.holds, "can come to results", summary=True),
+            *(found("it cannot", str(fault)) for fault in self.faults),
+            *data({"faults": [fault.document() for fault in self.faults], "warnings": list(self.warnings)}),
+        ]
+
+
+def check_protocol(
+    protocol: ProtocolFile, rig: RigOption = "simulated", display: DisplayOption = None, controller: ControllerOption = None
+) -> CheckedProtocol:
+    """Check whether a study can come to results. Its rules must settle above chance and at levels that the display
+    plays, its practice must end, and its subjects' facts must be there; `serve` refuses a study that cannot.
+    """
+    with opened_apparatus(rig, display, controller, 0, None) as place:
+        study, _ = read_protocol(Path(protocol), StudyProtocol)
+        task = task_of(study, Path(protocol).parent, place)
+        expected = [task.expected(run) for run in task.runs(0)]
+        faults = (*task.faults(), *study.missing_facts())
+    minutes = sum(trials * played_s for trials, played_s in expected) / 60.0
+    return CheckedProtocol(study.study.name, study.asks, len(expected), minutes, faults, tuple(study.warnings()))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

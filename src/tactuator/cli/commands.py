@@ -57,6 +57,7 @@ _ROWS = (
     (_SOUND, "sound calibrate", "api.sound:calibrate_output", "Turn a multimeter's reading into volts at full scale."),
     (_SOUND, "calibrate-display", "api.sound:calibrate_display", "Calibrate a display without loop on a sound card."),
     (_PERSON, "curves", "api.start:curves", "List the threshold curves of the library, and your own."),
+    (_PERSON, "experiment check", "api.experiment:check_protocol", "Check whether a study can come to results."),
     (_PERSON, "experiment serve", "web.serve:serve", "Serve the study to browsers."),
     (_PERSON, "experiment enrol", "api.experiment:enrol", "Add a subject, or a further visit of one."),
     (_PERSON, "experiment correct", "api.experiment:correct", "Correct the data of a subject or a visit."),

@@ -102,14 +102,14 @@ class Lab:
             self.tell(str(fault))
             raise fault from None
 
-    async def change(self, who: str, job: Callable[[StudyRecords], object]) -> None:
+    async def change(self, who: str, job: Callable[[StudyRecords], _T]) -> _T:
         """Change the study's records in one transaction. who: whose change it is. Raises as `work` does."""
 
-        def changed() -> None:
+        def changed() -> _T:
             with self.study.editing(who) as study:
-                job(study)
+                return job(study)
 
-        await self.work(changed)
+        return await self.work(changed)
 
     async def present(
         self, session: Session, watch: Watch, interrupted: Callable[[], bool] = lambda: False

@@ -6,8 +6,6 @@ from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Response, WebSocket
 
-from tactuator.errors import BadInput
-from tactuator.experiment.store import records
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage
 from tactuator.web.pages import answer_plainly, page, plain_text, static_file
@@ -82,11 +80,11 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
             return plain_text(lab.words("page.no_session"), 404)
         words = (await lab.session(row)).task.words
         if participant is not None:
-            try:
-                await lab.change(records.PROGRAM, lambda study: study.claim(row, participant))
-            except BadInput:
-                return plain_text(words("page.other_participant"), 403)
+            who = f"subject {row.subject_code}"
+            theirs = await lab.change(who, lambda study: study.claim(row, participant))
             await lab.refresh()
+            if not theirs:
+                return plain_text(words("page.other_participant"), 403)
         return page("subject", words, ("texts", "noise", "choices", "demonstration", "subject"))
 
     @app.get("/operator")

@@ -317,7 +317,7 @@ def test_day__of_three_channels__memory_and_state_are_flat(tmp_path, controller)
 
 FIRST = PROTOCOL.replace('[[subject]]\ncode = "S1"', '[[subject]]\ncode = "S0"\n[[subject]]\ncode = "S1"', 1)
 OTHER = PROTOCOL.replace("[30, 90, 210]", "[33, 90, 150, 210]")
-ASKS = PROTOCOL + (
+ASKS = PROTOCOL.replace("[[subject]]\n", '[[subject]]\ndemographics = { hand = "right" }\n') + (
     '[[demographic]]\nname = "age"\nlabel = "Age"\nkind = "number"\nunit = "year"\nlow = 18\nhigh = 99\n'
     '[[demographic]]\nname = "hand"\nlabel = "Hand"\nkind = "choice"\nchoices = ["left", "right"]\nrequired = true\n'
 )
@@ -435,13 +435,16 @@ def asking(store, seed="seed = 7"):
 def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> None:
     study = asking(store)
     fact = schema.demographic.c
-    assert rows_of(store, select(fact.name, fact.value, fact.unit)) == [("age", "31", "year"), ("hand", "left", "")]
+    facts = [("hand", "right", ""), ("hand", "right", ""), ("age", "31", "year"), ("hand", "left", "")]
+    assert rows_of(store, select(fact.name, fact.value, fact.unit)) == facts
     for part, words in (
         (SubjectPart(code="S7"), "'S7' is enrolled already"),
         (SubjectPart(code="S8", participant_id="P-07"), "'P-07' is another subject's"),
         (SubjectPart(code="S8", demographics={"age": "7", "hand": "left"}), "age is '7'; it must be .* from 18 to 99"),
         (SubjectPart(code="S8", demographics={"age": "inf", "hand": "left"}), "age is 'inf'"),
         (SubjectPart(code="S8", demographics={"age": "20"}), "hand is not given"),
+        (SubjectPart(code="S8"), "hand is not given"),
+        (SubjectPart(code="S8", demographics={"hand": " "}), "hand is not given"),
         (SubjectPart(code="S8", demographics={"hand": "third"}), "hand is 'third'; it must be left, right"),
         (SubjectPart(code="S8", demographics={"size": "1"}), "'size'; expected age, hand"),
     ):
@@ -449,14 +452,23 @@ def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> Non
             edit(study, "enrol", part)
     first, second = study.sessions()[:2]
     assert [row.subject_code for row in study.sessions()] == ["S1", "S2", "S7"]
-    edit(study, "claim", first, "abc.1")
-    edit(study, "claim", first, "abc.1")
-    for row, name in ((first, "other"), (second, "abc.1")):
-        with pytest.raises(BadInput, match="another participant's"):
-            edit(study, "claim", row, name)
-    with pytest.raises(BadInput, match="1 to 64 letters"):
-        edit(study, "claim", second, "a b")
+    assert [row.participant_id for row in study.sessions()] == [None, None, "P-07"]
+
+
+def test_claim__of_any_identity__is_an_event_that_names_none_and_one_answer_refuses_all(store) -> None:
+    study = asking(store)
+    first, second = study.sessions()[:2]
+    claims = [(first, "abc.1"), (first, "abc.1"), (first, "other"), (second, "abc.1"), (second, "a b")]
+    with study.editing("subject") as opened:
+        assert [opened.claim(*claim) for claim in claims] == [True, True, False, False, False]
     assert [row.participant_id for row in study.sessions()] == ["abc.1", None, "P-07"]
+    event = schema.event.c
+    found = rows_of(store, select(event.session_id, event.kind, event.detail).where(event.kind.startswith("claim")))
+    assert [tuple(row) for row in found] == [
+        (first.id, "claimed", ""), (first.id, "claimed", ""), (first.id, "claim-refused", "the subject has another"),
+        (second.id, "claim-refused", "it is another subject's"), (second.id, "claim-refused", "it cannot be one"),
+    ]  # fmt: skip
+    assert not any(name in str(found) for name in ("abc.1", "other id", "a b"))
 
 
 def changes(store, kind):
@@ -496,7 +508,7 @@ def test_correct__of_subject_and_visit__is_written_and_what_stood_there_is_kept(
 
 def test_correct__what_cannot_be__is_refused_and_changes_nothing(store) -> None:
     study = asking(store, "seed = 7\nvisits = 2")
-    edit(study, "enrol", SubjectPart(code="S8", participant_id="P-08"))
+    edit(study, "enrol", SubjectPart(code="S8", participant_id="P-08", demographics={"hand": "left"}))
     before = all_of(store, "S7"), study.facts()
     for subject, correction, reason, words in (
         ("S7", Correction(group="hearing"), " ", "no reason; "),

@@ -6,7 +6,7 @@ The kinds that a protocol file may name are entry points of the group GROUP; the
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import product
 from typing import Any, ClassVar
@@ -18,6 +18,7 @@ from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
 from tactuator.parameters import from_table, table
+from tactuator.perception.curve import LOWEST_DB_SL
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 GROUP = "tactuator.procedures"
@@ -25,6 +26,12 @@ GUESS = 1.0 / 3.0
 """Probability of a right guess in three intervals, the paper's."""
 _TYPICAL_TRIALS = 80.0
 """Trials of a run of unknown length."""
+FEWEST_TRIALS = 5
+"""Trials of a run below which nothing is said of its threshold."""
+ATTENTIVE_LAPSE, USUAL_LAPSE = 0.02, 0.04
+"""Lapse rates of an attentive person, and of one who is less so: no rule may settle where the latter never come."""
+_POINT_DIGITS = 1e-3
+"""Digits of a balance point, in percent, that its numerical solution leaves open."""
 START_ABOVE_DB = 20.0
 """Level of the first trial above the threshold that the experimenter expects, as in the paper."""
 
@@ -90,6 +97,25 @@ class Procedure:
     def typical_trials(self) -> float:
         """About how many trials a run has: its key `trials`, where it has one."""
         return float(getattr(self, "trials", _TYPICAL_TRIALS))
+
+    @property
+    def most_trials(self) -> float:
+        """Return the number of trials after which every run is over: its key `trials`, or `trial_limit`."""
+        return float(getattr(self, "trials", getattr(self, "trial_limit", np.inf)))
+
+    @property
+    def lowest_db_sl(self) -> float:
+        """Return the lowest level that a run may reach: its key `floor_db_sl`, or `low_db_sl`."""
+        return float(getattr(self, "floor_db_sl", getattr(self, "low_db_sl", LOWEST_DB_SL)))
+
+    def faults(self, guess: float) -> Iterator[BadInput]:
+        """Yield every reason why no run can come to a threshold, whoever answers. guess: as `begin` takes it."""
+        lowest, highest = 100.0 * guess, 100.0 * (1.0 - USUAL_LAPSE)
+        if not lowest < 100.0 * self.point - _POINT_DIGITS < highest:
+            allowed = f"above {lowest:.3g} %, which guesses reach, and below {highest:.3g} %, as people lapse"
+            yield BadInput(f"{self.kind} that settles at {100.0 * self.point:.2f} % correct", allowed)
+        if self.most_trials < FEWEST_TRIALS:
+            yield BadInput(f"{self.kind} of {self.most_trials:g} trials at most", f"{FEWEST_TRIALS} or more")
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Runs:
         """Return so many fresh runs over what can be played. guess: probability of a right answer without feeling."""

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import psi_at
+from tactuator.experiment.procedure.procedure import FEWEST_TRIALS, psi_at
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP
 
-_MINIMUM_TRIALS = 5
 _SLOPES = np.geomspace(0.4, 5.0, 10)
 _LEAST_LIKELY = 15.0
 """How many times less likely than the best a threshold at an end of the interval is: 15 holds 0.91 of people with slope
@@ -106,9 +105,9 @@ def refit(levels_db: FloatArray, correct: NDArray[np.bool_], prior: RefitPrior |
     prior = RefitPrior() if prior is None else prior
     levels = np.atleast_2d(np.asarray(levels_db, dtype=np.float64))
     outcomes = np.atleast_2d(np.asarray(correct, dtype=np.bool_))
-    fewest = int(np.min(np.sum(np.isfinite(levels), axis=1), initial=_MINIMUM_TRIALS))
-    if fewest < _MINIMUM_TRIALS:
-        raise BadInput(f"refit of a run of {fewest} trials", f"{_MINIMUM_TRIALS} or more")
+    fewest = int(np.min(np.sum(np.isfinite(levels), axis=1), initial=FEWEST_TRIALS))
+    if fewest < FEWEST_TRIALS:
+        raise BadInput(f"refit of a run of {fewest} trials", f"{FEWEST_TRIALS} or more")
     parts = [
         _refit_batch(levels[first : first + _BATCH_RUNS], outcomes[first : first + _BATCH_RUNS], prior)
         for first in range(0, levels.shape[0], _BATCH_RUNS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from typing import Annotated, Literal
@@ -66,6 +67,25 @@ class UpDown(Procedure):
         (Feller, vol. 1, XIII.8).
         """
         return _balance(self.down, self.up)
+
+    @property
+    def fewest_trials(self) -> int:
+        """Return the fewest trials in which a run can have all of its reversals: every step turns."""
+        steps = range(self.reversals + 1)  # the first step turns nothing
+        lasting = {
+            first: sum(1 if self.initial_rule and step < 2 else (self.down, self.up)[(step + first) % 2] for step in steps)
+            for first in (0, 1)
+        }
+        return min(lasting.values())
+
+    def faults(self, guess: float) -> Iterator[BadInput]:
+        yield from super().faults(guess)
+        if self.trial_limit < self.fewest_trials:
+            got = f"{self.trial_limit}, where {self.reversals} reversals take {self.fewest_trials} trials or more"
+            yield BadInput(got, f"{self.fewest_trials} or more", key="trial_limit")
+        width, step = self.ceiling_db_sl - self.floor_db_sl, self.steps_db[-1]
+        if width < 2.0 * step:
+            yield BadInput(f"levels over {width:g} dB in steps of {step:g} dB", "two steps or more from floor to ceiling")
 
     @property
     def typical_trials(self) -> float:

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from tactuator.errors import BadInput
-from tactuator.experiment.procedure.procedure import Playable, Practice, Procedure, Runs, parse_procedure
+from tactuator.experiment.procedure.procedure import (
+    ATTENTIVE_LAPSE,
+    Playable,
+    Practice,
+    Procedure,
+    Runs,
+    parse_procedure,
+    psi_at,
+)
 from tactuator.experiment.protocol.study import FORCED_CHOICE, PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.trial import ForcedChoice, Marks, Masker, Timing
 from tactuator.experiment.words import Words
 from tactuator.parameters import Flag, Number, Positive, Whole, kept_by, table
 from tactuator.perception.curve import Level
 
+_USUAL_SLOPE = 2.15
+"""Weibull slope of most people, the middle of the refit's prior."""
+_LEAST_PASSED, _PRACTISING = 0.5, 1000
+"""Share of people who pass practice below which it does not end, and how many are simulated for it."""
 _PRACTICE_HZ = 100.0
 """Frequency of practice before a run that chooses its own."""
 
@@ -105,6 +117,37 @@ class Protocol(StudyProtocol):
     @property
     def asks(self) -> str:
         return "detection"
+
+    def warnings(self) -> Iterator[str]:
+        yield from super().warnings()
+        lowest, expected = self.procedure.lowest_db_sl, self.procedure.expected_threshold()
+        if expected < lowest:
+            yield f"thresholds are expected at {expected:g} dB SL, below the lowest level, {lowest:g} dB SL: only bounds"
+
+    def faults(self) -> Iterator[BadInput]:
+        yield from self.procedure.faults(self.paradigm.guess)
+        rules = self.session
+        if rules.practice_correct is not None and self._practice_passed() < _LEAST_PASSED:
+            yield BadInput(
+                f"{rules.practice_correct} right of {rules.practice_trials} at {rules.practice_level_db_sl:g} dB SL, "
+                f"which {100.0 * self._practice_passed():.0f} % of people reach in {rules.practice_limit} trials",
+                f"a criterion that {100.0 * _LEAST_PASSED:g} % reach: a higher level, fewer right, or more trials",
+                key="session.practice_correct",
+            )
+
+    def _practice_passed(self) -> float:
+        """Return the share of attentive people who meet the criterion of practice, by simulation: those whose threshold
+        is where the procedure expects it.
+        """
+        rules, expected = self.session, self.procedure.expected_threshold()
+        above = np.array(rules.practice_level_db_sl - expected)
+        slope, lapse = np.array(_USUAL_SLOPE), np.array(ATTENTIVE_LAPSE)
+        share = float(psi_at(above, slope, lapse, self.paradigm.guess, self.procedure.point))
+        rng = np.random.default_rng(self.study.seed)
+        right = rng.random((_PRACTISING, rules.practice_limit)) < share
+        total = np.cumsum(np.pad(right, ((0, 0), (rules.practice_trials, 0))), axis=1)
+        last = total[:, rules.practice_trials :] - total[:, : -rules.practice_trials]
+        return float(np.mean(np.any(last >= (rules.practice_correct or 0), axis=1)))
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
+from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.task.task import Task, parse_task
 from tactuator.experiment.trial import Marks, Timing
@@ -35,6 +36,9 @@ class JudgingProtocol(StudyProtocol):
     @property
     def asks(self) -> str:
         return self.task.kind
+
+    def faults(self) -> Iterator[BadInput]:
+        return self.task.faults()
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
         return tuple(

@@ -5,20 +5,25 @@ Every item is asked equally often, in an order that a seed alone decides.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY
 from itertools import combinations
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from pydantic import Field
 
 from tactuator.errors import BadInput
+from tactuator.experiment.procedure.procedure import ATTENTIVE_LAPSE
 from tactuator.experiment.protocol.study import ALL_FINGERS, PlannedRun, StudyProtocol, each_once
 from tactuator.experiment.trial import Timing, Trial
 from tactuator.experiment.words import Words
 from tactuator.parameters import Flag, Number, Seconds, Whole, table
 
+_LEAST_PASSED = 0.05
+"""Share of people who know every item, and pass training at once, below which it does not end."""
 Paradigm = Literal["recognition", "middle-of-three", "abx"]
 _Pause = Annotated[Seconds, Field(le=60.0)]
 
@@ -99,6 +104,17 @@ class RecognitionProtocol(StudyProtocol):
     def files(self) -> tuple[str, ...]:
         return (*(item.file for item in self.item), *super().files)
 
+    def faults(self) -> Iterator[BadInput]:
+        for number, block in enumerate(self.block, start=1):
+            trials = self._trials(block)
+            if block.kind == "training" and block.criterion is not None:
+                most_wrong = math.floor(trials * (1.0 - block.criterion) + 1e-9)
+                if scipy.stats.binom.cdf(most_wrong, trials, ATTENTIVE_LAPSE) < _LEAST_PASSED:
+                    yield BadInput(
+                        f"block {number} of {trials} trials ends at {100.0 * block.criterion:.4g} % right",
+                        f"a share that people reach who lapse in {100.0 * ATTENTIVE_LAPSE:g} % of trials",
+                    )
+
     def require_observers(self) -> None:
         raise BadInput("what is asked is recognition", "detection or a task; see `experiment recognise`")
 
@@ -106,8 +122,7 @@ class RecognitionProtocol(StudyProtocol):
         return tuple(self._run(number, block, words) for number, block in enumerate(self.block, start=1))
 
     def _run(self, number: int, block: BlockPart, words: Words) -> PlannedRun:
-        paradigm, count = self.recognition.paradigm, len(self.item)
-        trials = block.repetitions * (2 * count * (count - 1) if paradigm == "abx" else count)
+        paradigm, trials = self.recognition.paradigm, self._trials(block)
         title = words("run.block", number=number, count=len(self.block), kind=words(f"run.{block.kind}"))
         feedback = words("run.told" if block.feedback else "run.not_told")
         return PlannedRun(
@@ -122,6 +137,10 @@ class RecognitionProtocol(StudyProtocol):
             practice=block.kind == "training",
             introduction=f"{words('run.trials', title=title, trials=trials)}\n{feedback}",
         )
+
+    def _trials(self, block: BlockPart) -> int:
+        count = len(self.item)
+        return block.repetitions * (2 * count * (count - 1) if self.recognition.paradigm == "abx" else count)
 
     def run_seed(self, subject: int, position: int, attempt: int = 0, visit: int = 1) -> tuple[int, ...]:
         """Return the seed of a block.

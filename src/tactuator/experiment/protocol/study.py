@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.codes import doubts
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
@@ -152,9 +153,24 @@ class StudyProtocol:
 
     @property
     def warning(self) -> str:
-        """Return that no curve follows from so few frequencies, "" where one does, or none is listed."""
+        """Return what the study's results will lack, and what other programs make of its codes; "" for nothing."""
+        return "; ".join(self.warnings())
+
+    def warnings(self) -> Iterator[str]:
+        """Yield each warning."""
         count = len(self.frequencies_hz)
-        return f"no curve: frequencies_hz has {count}; expected {POINTS_MIN} or more" if 0 < count < POINTS_MIN else ""
+        if 0 < count < POINTS_MIN:
+            yield f"no curve: frequencies_hz has {count}; expected {POINTS_MIN} or more"
+        codes = [subject.code for subject in self.subject]
+        for subject in self.subject:
+            yield from doubts(subject.code, codes)
+        others = {name for subject in self.subject for name in (subject.group, subject.participant_id) if name}
+        for name in sorted(others):
+            yield from doubts(name, others)
+
+    def faults(self) -> Iterator[BadInput]:
+        """Yield every reason why nobody's runs can come to a result, so that nobody is to sit down for them."""
+        yield from ()
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -194,13 +210,24 @@ class StudyProtocol:
     def facts(self, given: dict[str, str | float]) -> dict[str, tuple[str, str]]:
         """Return (value, unit) of each demographic item that is given, by name.
 
-        Raises BadInput for an item that is not asked for, a value not allowed, or one required and not given.
+        Raises BadInput for an item that is not asked for, or a value that is not allowed.
         """
         values = {name: self.fact(name, value) for name, value in given.items()}
-        for item in self.demographic:
-            if item.required and given and item.name not in values:
-                self.fact(item.name, "")
         return {name: (value, unit) for name, (value, unit) in values.items() if value is not None}
+
+    def require_facts(self, part: SubjectPart) -> None:
+        """Raise BadInput where a demographic item that the study requires is not given of a subject."""
+        for item in self.demographic:
+            if item.required and not str(part.demographics.get(item.name, "")).strip():
+                self.fact(item.name, "")
+
+    def missing_facts(self) -> Iterator[BadInput]:
+        """Yield the refusal of each subject of the protocol who cannot be enrolled."""
+        for subject in self.subject:
+            try:
+                self.require_facts(subject)
+            except BadInput as error:
+                yield error.within(f"subject {subject.code}")
 
     def fact(self, name: str, value: str | float) -> tuple[str | None, str]:
         """Return value and unit of a demographic item as they are stored, None for "".
@@ -210,6 +237,7 @@ class StudyProtocol:
         asked = {item.name: item for item in self.demographic}
         if name not in asked:
             raise BadInput(f"demographics: {name!r}", ", ".join(asked) or "none: the study asks for none")
+        value = value.strip() if isinstance(value, str) else value
         if value == "" and asked[name].required:
             raise BadInput(f"demographics: {name} is not given", "with it, since the study requires it")
         return None if value == "" else asked[name].take(value), asked[name].unit

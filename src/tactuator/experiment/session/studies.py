@@ -92,6 +92,7 @@ class StudyRecords:
             raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
         _refuse_taken(known, part.participant_id)
         facts = self.protocol.facts(part.demographics)
+        self.protocol.require_facts(part)
         row = records.add_subject(self.connection, self.id, part, facts, self.now)
         if self.who != records.PROGRAM:  # the protocol names the others
             note(self.connection, None, "enrolled", "", self.now, self.who, subject=row.id)
@@ -138,22 +139,30 @@ class StudyRecords:
         for _, change in self._change_day(row, {"skin_temperature_c": skin_temperature_c, "preload_n": preload_n}):
             note(self.connection, session, "day", "", self.now, self.who, subject=row.subject_id, change=change)
 
-    def claim(self, row: Found, participant_id: str) -> None:
-        """Store the name that others have for the subject of that session.
+    def claim(self, row: Found, participant_id: str) -> bool:
+        """Store the name that others have for the subject of that session, and return whether it is theirs now.
 
-        Raises BadInput where the subject has another such id, or it is another's.
+        Every claim is an event. Who claims is told that much and no reason: it would say whose an id is.
         """
+        reason = self._refused_claim(row, participant_id)
+        kind = "claim-refused" if reason else "claimed"
+        note(self.connection, row.id, kind, reason, self.now, self.who, subject=row.subject_id)
+        if not reason:
+            records.change_subject(self.connection, row.subject_id, participant_id=participant_id)
+        return not reason
+
+    def _refused_claim(self, row: Found, participant_id: str) -> str:
+        """Return why an id is not taken for the subject's, "" where it is."""
         try:
-            taken = SubjectPart(code=row.subject_code, participant_id=participant_id).participant_id
+            SubjectPart(code=row.subject_code, participant_id=participant_id)
         except BadInput:
-            raise BadInput("participant id", "1 to 64 letters, digits, dots, dashes or underscores") from None
+            return "it cannot be one"
         mine = records.session(self.connection, row.id).participant_id
-        if mine == taken:
-            return
+        if mine is not None and mine != participant_id:
+            return "the subject has another"
         known = records.subjects(self.connection, self.id)
-        if mine is not None or any(subject.participant_id == taken for subject in known):
-            raise BadInput("this link is another participant's", "one's own")
-        records.change_subject(self.connection, row.subject_id, participant_id=participant_id)
+        others = {subject.participant_id for subject in known if subject.id != row.subject_id}
+        return "it is another subject's" if participant_id in others else ""
 
     def _change_subject(self, row: Found, correction: Correction) -> list[tuple[int | None, Change]]:
         group, outside = correction.group, correction.participant_id
@@ -286,10 +295,13 @@ def open_study(
     A protocol of the same name with another text is another version of it. Where it only has more subjects it is
     accepted as that; otherwise amend gives the reason, and BadInput is raised without one. who: who amends. Subjects,
     links and sessions that are there stay as they are, and a session that has begun stays with its version. Raises
-    BadInput also where the study is there with other stimuli, or has a later version than the text's.
+    BadInput for a version that cannot come to results, unless somebody has answered to it; also where the study is there with other stimuli, or has a later version than the text's.
     """
     with store.begin() as connection:
         study, version = _version(connection, task, text, clock, amend, who)
+        if not records.has_begun(connection, version):
+            for fault in task.faults():
+                raise fault
         task.enrol(connection, study)
         opened = Study(store, study, task, version, beside or Path(), clock, tokens)
         known = {subject.code for subject in records.subjects(connection, study)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,10 +23,13 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.task.task import TaskState
 from tactuator.experiment.trial import Timing, Trial
 from tactuator.experiment.words import Words, shipped_words
+from tactuator.measure.error import ChannelPrediction
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.result import ResultTable
 from tactuator.rig.rig import Rig
+from tactuator.synthesis.design import headroom
 
 
 class Clock(Protocol):
@@ -115,6 +118,13 @@ class Apparatus:
         """Return the range of stimuli of that timing that a procedure which chooses frequencies may use."""
         mains_hz = self.controller.display.channels[0].environment.mains_hz
         return Playable(self.band_hz, mains_hz, timing.clearance_hz(mains_hz or 100.0))
+
+    def highest_db_sl(self, finger: str, frequency_hz: float) -> float:
+        """Return the highest level of a tone that the display plays on that finger, nobody touching it."""
+        channel = self.channel(finger)
+        loop = ChannelPrediction.of(self.controller, channel.name).loop
+        room = headroom(channel, loop, np.array([frequency_hz]), COMFORT_DB_SL)
+        return float(room.before(self.controller.channel(channel.name).strength, self.controller.rate_hz).level_db_sl[0])
 
     @property
     def simulated(self) -> bool:
@@ -236,6 +246,10 @@ class SessionTask:
     def rules(self) -> Rules:
         """The rules of a session."""
         raise NotImplementedError
+
+    def faults(self) -> Iterator[BadInput]:
+        """Yield every reason why nobody's runs can come to a result on this apparatus."""
+        return self.protocol.faults()
 
     def enrol(self, connection: Connection, study: int) -> None:
         """Store what a new study has besides its sessions. Raises BadInput where it is there with something else."""

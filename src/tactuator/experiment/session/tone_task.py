@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -212,6 +212,16 @@ class DetectionTask(ToneTask):
                     raise BadInput(f"{frequency:g} Hz on finger {finger!r}", f"{low:g} to {high:g} Hz")
         if protocol.masker is not None and protocol.masker.channel not in (None, *rig.channels):
             raise BadInput(f"masker: channel {protocol.masker.channel!r}", f"{', '.join(rig.channels)}")
+
+    def faults(self) -> Iterator[BadInput]:
+        yield from super().faults()
+        first = self.protocol.begin(self.apparatus.playable(self.protocol.timing)).placement()
+        for finger in self.protocol.conditions.fingers if first is not None else ():
+            for hertz in self.protocol.frequencies_hz or (first.frequency_hz,):
+                most = self.apparatus.highest_db_sl(finger, hertz)
+                if first.level_db_sl > most:
+                    got = f"first level of {first.level_db_sl:g} dB SL at {hertz:g} Hz on finger {finger!r}"
+                    yield BadInput(got, f"{most:.1f} dB SL at most, which the display plays there")
 
     @property
     def question(self) -> Question:

@@ -86,6 +86,12 @@ def add_version(connection: Connection, study: int, text: str, reason: str, now:
     return int(_add(connection, table, row).id)
 
 
+def has_begun(connection: Connection, version: int) -> bool:
+    """Return whether there are runs of that version of a protocol."""
+    run = schema.run.c
+    return connection.execute(select(run.id).where(run.protocol_version_id == version).limit(1)).first() is not None
+
+
 def subjects(connection: Connection, study: int) -> list[Found]:
     """Return the study's subjects in the order in which they were enrolled."""
     table = schema.subject

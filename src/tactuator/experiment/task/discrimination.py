@@ -7,7 +7,7 @@ finds is the just-noticeable difference, at the share of right answers that it a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -74,6 +74,12 @@ class Discrimination(Task):
         if self.of != "amplitude":
             return procedure
         return procedure.below(20.0 * float(np.log10(max(COMFORT_DB_SL - level_db_sl, 1.0))))
+
+    def faults(self) -> Iterator[BadInput]:
+        rule = self.rule(min(self.levels_db_sl))
+        if rule.chooses_frequency:
+            yield BadInput(f"{rule.kind}, which chooses frequencies", "a procedure of levels", key="task.procedure")
+        yield from rule.faults(self.guess)
 
     def asked(self, words: Words) -> TaskPrompt:
         prompt = words(f"prompt.{_PROMPTS[self.of]}")

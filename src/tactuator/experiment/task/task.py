@@ -8,7 +8,7 @@ simulated people, export) is the same for all of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -200,6 +200,10 @@ class Task:
     def plans(self, words: Words) -> tuple[Planned, ...]:
         """Return the runs of a session, whose order is the subject's own."""
         raise NotImplementedError
+
+    def faults(self) -> Iterator[BadInput]:
+        """Yield every reason why no run can come to a result, whoever answers."""
+        yield from ()
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskState:
         """Return a fresh run of the plan of that index. seed: of all that is drawn."""
