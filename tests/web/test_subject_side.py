@@ -187,7 +187,10 @@ def test_link__with_what_others_call_the_subject__keeps_it_and_refuses_another(m
         assert [client.get("/s/token-S1?participant=abc-1").status for _ in range(2)] == [200, 200]
         for path in ("/s/token-S1?participant=other", "/s/token-S2?participant=abc-1", "/s/token-S2?participant=a%20b"):
             answer = client.get(path)
-            assert (answer.status, answer.text) == (403, "This link cannot be opened with this participant id. Please ask the experimenter.\n")
+            assert (answer.status, answer.text) == (
+                403,
+                "This link cannot be opened with this participant id. Please ask the experimenter.\n",
+            )
         assert client.get("/s/token-S2?participant=" + "x" * 65).status == 422
     assert [row.participant_id for row in lab.study.sessions()] == ["abc-1", None]
 

@@ -96,7 +96,10 @@ class CheckedProtocol(Result):
 
 
 def check_protocol(
-    protocol: ProtocolFile, rig: RigOption = "simulated", display: DisplayOption = None, controller: ControllerOption = None
+    protocol: ProtocolFile,
+    rig: RigOption = "simulated",
+    display: DisplayOption = None,
+    controller: ControllerOption = None,
 ) -> CheckedProtocol:
     """Check whether a study can come to results. Its rules must settle above chance and at levels that the display
     plays, its practice must end, and its subjects' facts must be there; `serve` refuses a study that cannot.

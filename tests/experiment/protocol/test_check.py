@@ -183,7 +183,9 @@ def test_up_down__point_of_any_rule__is_where_half_of_simulated_steps_go_down(do
     assert went_down / 4000 == pytest.approx(0.5, abs=4.0 * math.sqrt(0.25 / 4000))
 
 
-@pytest.mark.parametrize("rule", [UpDown(), UpDown(down=1, up=2), UpDown(initial_rule=True), UpDown(down=4, reversals=1, averaged=1)])
+@pytest.mark.parametrize(
+    "rule", [UpDown(), UpDown(down=1, up=2), UpDown(initial_rule=True), UpDown(down=4, reversals=1, averaged=1)]
+)
 def test_up_down__fewest_trials__are_those_of_the_shortest_of_all_runs(rule: UpDown) -> None:
     """Answers that always complete a step and turn: no run of the rule's own tracks is shorter, and one is as short."""
     lengths = []

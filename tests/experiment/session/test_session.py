@@ -450,7 +450,6 @@ def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> Non
     ):
         with pytest.raises(BadInput, match=words):
             edit(study, "enrol", part)
-    first, second = study.sessions()[:2]
     assert [row.subject_code for row in study.sessions()] == ["S1", "S2", "S7"]
     assert [row.participant_id for row in study.sessions()] == [None, None, "P-07"]
 

@@ -73,7 +73,9 @@ class UpDown(Procedure):
         """Return the fewest trials in which a run can have all of its reversals: every step turns."""
         steps = range(self.reversals + 1)  # the first step turns nothing
         lasting = {
-            first: sum(1 if self.initial_rule and step < 2 else (self.down, self.up)[(step + first) % 2] for step in steps)
+            first: sum(
+                1 if self.initial_rule and step < 2 else (self.down, self.up)[(step + first) % 2] for step in steps
+            )
             for first in (0, 1)
         }
         return min(lasting.values())
@@ -85,7 +87,9 @@ class UpDown(Procedure):
             yield BadInput(got, f"{self.fewest_trials} or more", key="trial_limit")
         width, step = self.ceiling_db_sl - self.floor_db_sl, self.steps_db[-1]
         if width < 2.0 * step:
-            yield BadInput(f"levels over {width:g} dB in steps of {step:g} dB", "two steps or more from floor to ceiling")
+            yield BadInput(
+                f"levels over {width:g} dB in steps of {step:g} dB", "two steps or more from floor to ceiling"
+            )
 
     @property
     def typical_trials(self) -> float:

@@ -14,9 +14,9 @@ _MONTH = (
     r"(jan(uary|uar|v|vier)?|feb(ruary|ruar)?|fevr?(ier)?|mar(ch|s)?|mrz|maerz|apr(il)?|avr(il)?|ma[iy]|june?|juni|juin|july?"
     r"|juli|juil(let)?|aug(ust)?|aout|sept?(ember|embre)?|o[ck]t(ober|obre)?|nov(ember|embre)?|de[cz](ember|embre)?)"
 )
-_GAP = r"[-. /]?"
+_GAP, _DAY = r"[-. /]?", r"\d{1,4}"
 _DATE = re.compile(
-    rf"{_MONTH}{_GAP}\d{{1,4}}|\d{{1,4}}{_GAP}{_MONTH}({_GAP}\d{{1,4}})?|\d{{1,4}}[-./]\d{{1,2}}([-./]\d{{1,4}})?|\d{{1,2}} ?[ap]m?"
+    rf"{_MONTH}{_GAP}{_DAY}|{_DAY}{_GAP}{_MONTH}({_GAP}{_DAY})?|{_DAY}[-./]{_DAY}([-./]{_DAY})?|\d{{1,2}} ?[ap]m?"
 )
 
 
@@ -37,7 +37,7 @@ def _value(number: str) -> float:
 
 
 def doubts(code: str, others: Iterable[str]) -> Iterator[str]:
-    """Yield what becomes of a code in other programs: what it is taken for, and which of the others it is mixed with."""
+    """Yield what becomes of a code in other programs: what it is taken for, and which others it is mixed with."""
     taken = taken_for(code)
     if taken:
         yield f"{code!r} is {taken} to spreadsheets"

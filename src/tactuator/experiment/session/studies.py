@@ -295,7 +295,8 @@ def open_study(
     A protocol of the same name with another text is another version of it. Where it only has more subjects it is
     accepted as that; otherwise amend gives the reason, and BadInput is raised without one. who: who amends. Subjects,
     links and sessions that are there stay as they are, and a session that has begun stays with its version. Raises
-    BadInput for a version that cannot come to results, unless somebody has answered to it; also where the study is there with other stimuli, or has a later version than the text's.
+    BadInput for a version that cannot come to results, unless there are answers to it; also where the study is there
+    with other stimuli, or has a later version than the text's.
     """
     with store.begin() as connection:
         study, version = _version(connection, task, text, clock, amend, who)

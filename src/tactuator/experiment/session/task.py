@@ -124,7 +124,9 @@ class Apparatus:
         channel = self.channel(finger)
         loop = ChannelPrediction.of(self.controller, channel.name).loop
         room = headroom(channel, loop, np.array([frequency_hz]), COMFORT_DB_SL)
-        return float(room.before(self.controller.channel(channel.name).strength, self.controller.rate_hz).level_db_sl[0])
+        return float(
+            room.before(self.controller.channel(channel.name).strength, self.controller.rate_hz).level_db_sl[0]
+        )
 
     @property
     def simulated(self) -> bool:
