@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactuator.errors import BadInput
@@ -146,7 +147,7 @@ class Protocol(StudyProtocol):
         rng = np.random.default_rng(self.study.seed)
         right = rng.random((_PRACTISING, rules.practice_limit)) < share
         total = np.cumsum(np.pad(right, ((0, 0), (rules.practice_trials, 0))), axis=1)
-        last = total[:, rules.practice_trials :] - total[:, : -rules.practice_trials]
+        last: NDArray[np.int_] = total[:, rules.practice_trials :] - total[:, : -rules.practice_trials]
         return float(np.mean(np.any(last >= (rules.practice_correct or 0), axis=1)))
 
     @property

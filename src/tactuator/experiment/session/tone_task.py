@@ -216,11 +216,12 @@ class DetectionTask(ToneTask):
     def faults(self) -> Iterator[BadInput]:
         yield from super().faults()
         first = self.protocol.begin(self.apparatus.playable(self.protocol.timing)).placement()
-        for finger in self.protocol.conditions.fingers if first is not None else ():
-            for hertz in self.protocol.frequencies_hz or (first.frequency_hz,):
+        level, places = (-math.inf, None) if first is None else (first.level_db_sl, first.frequency_hz)
+        for finger in self.protocol.conditions.fingers:
+            for hertz in self.protocol.frequencies_hz or (places or self.apparatus.middle_hz,):
                 most = self.apparatus.highest_db_sl(finger, hertz)
-                if first.level_db_sl > most:
-                    got = f"first level of {first.level_db_sl:g} dB SL at {hertz:g} Hz on finger {finger!r}"
+                if level > most:
+                    got = f"first level of {level:g} dB SL at {hertz:g} Hz on finger {finger!r}"
                     yield BadInput(got, f"{most:.1f} dB SL at most, which the display plays there")
 
     @property
