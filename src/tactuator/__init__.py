@@ -7,7 +7,10 @@
 from importlib import import_module
 
 _CHAIN = (
-    ("start", {"api.start": ("init", "examples", "read_display", "read_record", "read_curve", "read_model")}),
+    (
+        "start",
+        {"api.start": ("init", "examples", "read_display", "read_record", "read_response", "read_curve", "read_model")},
+    ),
     ("model", {"api.model": ("calibrate", "record", "identify")}),
     ("controller", {"api.controller": ("design", "check", "build", "image"), "api.start": ("read_controller",)}),
     ("rig", {"rig.open": ("open_rig",), "rig.simulated": ("SimulatedRig",), "api.sound": ("calibrate_display",)}),

@@ -49,7 +49,10 @@ class ControllerResult(Result, Controller):
         return self.verdict.holds
 
     def notices(self) -> Sequence[str]:
-        return [notice for channel in self.display.channels for notice in channel.contact_notices()]
+        channels = self.display.channels
+        given = [(channel.name, channel.recorded.remarks) for channel in channels if channel.recorded is not None]
+        remarks = [f"{name}: the plant: {remark}" for name, of_plant in given for remark in of_plant]
+        return [*(notice for channel in channels for notice in channel.contact_notices()), *remarks]
 
     def next_step(self) -> str:
         return "tactuator build" if self.holds else "--full lists every finding, with what helps"

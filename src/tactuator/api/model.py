@@ -32,8 +32,10 @@ from tactuator.identification.identify import identify as identified
 from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
+from tactuator.io.column_name import NO_UNIT, QUANTITIES, unit_of
 from tactuator.io.csv_tables import read_pairs
 from tactuator.io.record import read_measured, read_record, write_record
+from tactuator.io.response_table import ResponseColumns
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.result import Fact, Result
@@ -252,6 +254,14 @@ def identify(
     ] = None,
     time_name: Annotated[str | None, Option("Column or variable of the time stamps.", ("--time",))] = None,
     rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
+    frequency: Annotated[str | None, Option("Of a response: column of the frequency.")] = None,
+    magnitude: Annotated[str | None, Option("Of a response: column of the magnitude, linear or in dB.")] = None,
+    phase: Annotated[str | None, Option("Of a response: column of the phase.")] = None,
+    real: Annotated[str | None, Option("Of a response: column of the real part.")] = None,
+    imaginary: Annotated[str | None, Option("Of a response: column of the imaginary part.")] = None,
+    ignore: Annotated[
+        Sequence[str], Option("Of a response: column to leave unread; may be repeated.", type=list[str])
+    ] = (),
     from_s: Annotated[float | None, Option("Use the record from here on.")] = None,
     to_s: Annotated[float | None, Option("Use the record up to here.")] = None,
     order: Annotated[int | None, option_of(IdentifyOptions, "order")] = IdentifyOptions.order,
@@ -280,8 +290,8 @@ def identify(
     """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
     not to be trusted.
 
-    records: one, or several of one mechanism, or their files; or a frequency response or its file. Raises BadInput for
-    a record that says nothing.
+    records: one, or several of one mechanism, or their files; or a frequency response or its file. A column is named
+    as NAME, or with its unit as NAME=UNIT. Raises BadInput for a record that says nothing.
 
     >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
@@ -291,8 +301,10 @@ def identify(
     asked = IdentifyOptions(order, zeros, integrators, hold, quantity, friction, fixed, closed_loop, method, forgetting)  # type: ignore[arg-type]
     names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
     names |= {"time_name": time_name, "rate_hz": rate_hz}
+    columns = ResponseColumns(frequency, magnitude, phase, real, imaginary, tuple(ignore))
     source, *more = paths(records)
-    first = source if isinstance(source, Record | FrequencyResponse) else read_measured(Path(source), **names)
+    first = source if isinstance(source, Record | FrequencyResponse) else read_measured(Path(source), columns, **names)
+    _require_quantity(first, asked.quantity)
     fit: Identification | ResponseFit
     if isinstance(first, FrequencyResponse):
         if more or paths(validate):
@@ -308,6 +320,14 @@ def identify(
     if figures is not None and isinstance(fit, Identification):
         report.device_figures.save_identification(fit, Path(figures))
     return fit
+
+
+def _require_quantity(given: Record | FrequencyResponse, quantity: str) -> None:
+    """Raise BadInput for a quantity that the unit of what was measured contradicts."""
+    unit = given.position_unit if isinstance(given, Record) else given.about.get("unit", "")
+    kind = (unit_of(unit) or NO_UNIT).kind
+    if quantity != "auto" and kind in QUANTITIES and kind != quantity:
+        raise BadInput(f"{quantity!r}, while the position is in {unit}", f"{kind!r}, or another unit", key="quantity")
 
 
 def _read(source: Record | Place, names: Mapping[str, Any]) -> tuple[str, Record]:

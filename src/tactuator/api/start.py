@@ -16,6 +16,7 @@ from tactuator.io import csv_tables
 from tactuator.io import display as display_file
 from tactuator.io import model as model_file
 from tactuator.io import record as record_file
+from tactuator.io import response_table
 from tactuator.io.atomic import write_files
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import (
@@ -33,7 +34,7 @@ from tactuator.parameters import parameters
 from tactuator.perception import curve as library
 from tactuator.perception.curve import Contact, ThresholdCurve
 from tactuator.result import Chart, ChartLine, Column, Fact, Result, ResultTable, found, text_table
-from tactuator.signals.record import Record
+from tactuator.signals.record import FrequencyResponse, Record
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,6 +127,17 @@ def read_record(path: Place, **columns: Any) -> Record:
     8.0
     """
     return record_file.read_record(Path(path), **columns)
+
+
+def read_response(path: Place, **columns: Any) -> FrequencyResponse:
+    """Read a frequency response. columns: frequency, magnitude, phase, real, imaginary (NAME or NAME=UNIT) and ignore,
+    where needed. Raises BadInput for a column that may be the phase and is not read.
+
+    >>> tt.read_response("sheet.csv", phase="phase_deg").frequency_hz.size
+    60
+    """
+    ignore = tuple(columns.pop("ignore", ()))
+    return response_table.read_response(Path(path), response_table.ResponseColumns(**columns, ignore=ignore))
 
 
 def read_curve(name_or_path: Place) -> ThresholdCurve:

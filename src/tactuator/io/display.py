@@ -25,7 +25,7 @@ from tactuator.model.description import (
     Threshold,
     keys_of,
 )
-from tactuator.model.plant import Load
+from tactuator.model.plant import DERIVATIVES, Load
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -127,6 +127,10 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
             where=(where,),
             key="loads",
         )
+    stated = mine.get("quantity", Channel.quantity)
+    if DERIVATIVES.get(plant.quantity, 0) and plant.quantity != stated:
+        asked = f'quantity = "{plant.quantity}"'
+        raise BadInput(f"{stated!r}, and the plant is of {plant.quantity}", asked, where=(where,), key="quantity")
     friction = None if plant.model is None else plant.model.get("friction") or {}
     resolved: dict[str, Any] = {
         "threshold": _threshold(*given["threshold"], beside),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ class GivenPlant:
     scale: float = 1.0
     model: Mapping[str, Any] | None = field(default=None, repr=False)
     is_response: bool = False
+    quantity: str = ""
 
     @property
     def systems(self) -> tuple[ContinuousSystem, ...]:
@@ -79,7 +80,8 @@ def _of_model(path: Path, where: str) -> GivenPlant:
         # of a model of another order, by hand, it says nothing
         "covariance": covariance if len(covariance) == system.zeros.size + system.poles.size + 2 else (),
     }
-    return GivenPlant({key: value for key, value in keys.items() if value not in (None, ())}, _leading(table), document)
+    known = {key: value for key, value in keys.items() if value not in (None, ())}
+    return GivenPlant(known, _leading(table), document, quantity=str(document.get("quantity", "")))
 
 
 def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
@@ -118,7 +120,7 @@ def _of_several(paths: Sequence[Any], beside: Path, where: str) -> GivenPlant:
     systems = [(name, system) for name, plant in zip(names, plants, strict=True) for system in plant.systems]
     together = {"family": tuple(system for _, system in systems[1:]), "models": tuple(name for name, _ in systems)}
     valid = {"valid_hz": (low, high)} if ranges else {}
-    return GivenPlant({**plants[0].keys, **together, **valid}, plants[0].scale, plants[0].model)
+    return replace(plants[0], keys={**plants[0].keys, **together, **valid})
 
 
 def _kind(model: Mapping[str, Any]) -> dict[str, Any]:
@@ -153,18 +155,18 @@ def _of_response(response: FrequencyResponse, path: Path, where: str, looped: bo
         "valid_hz": fit.valid_hz,
         "model_error_db": fit.error_db,
         "model_error_hz": fit.unsure_hz,
-        **({"recorded": Recorded(distrust=fit.doubts)} if fit.doubts else {}),
+        "recorded": Recorded(distrust=fit.doubts, remarks=response.remarks),
     }
-    return GivenPlant(keys, is_response=True)
+    return GivenPlant(keys, is_response=True, quantity=response.about.get("quantity", ""))
 
 
 @lru_cache(maxsize=16)
 def _response(path: Path, changed_ns: int) -> FrequencyResponse | None:
     """Return the response of a file, one for all channels that name it; None for another file."""
-    try:
-        columns = read_columns(path)
-    except BadInput:
-        return None
+    with path.open("rb") as file:
+        if file.read(64).lstrip().startswith(b"{"):
+            return None
+    columns = read_columns(path)
     return response_of(path, columns) if are_of_response(columns) else None
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, unknown, within
 from tactuator.io.column_name import ColumnName, column_name, unit_of
-from tactuator.io.columns import Columns
+from tactuator.io.columns import Columns, read_columns
+from tactuator.io.kinds import require_kind
 from tactuator.signals.record import FrequencyResponse
 
 _TYPICAL = 0.01
@@ -108,6 +109,12 @@ def are_of_response(columns: Columns, asked: ResponseColumns = NO_NAMES) -> bool
     return is_plain and not has_time
 
 
+def read_response(path: Path, asked: ResponseColumns = NO_NAMES) -> FrequencyResponse:
+    """Read the frequency response in a file. Raises BadInput."""
+    require_kind(path, "response", "record")
+    return response_of(path, read_columns(path), asked)
+
+
 def response_of(path: Path, columns: Columns, asked: ResponseColumns = NO_NAMES) -> FrequencyResponse:
     """Return the response in a file's columns; what is done to its points is remarked. Raises BadInput."""
     with within(f"response {path}"):
@@ -147,7 +154,7 @@ class _Reader:
         deviation, assumed = self._deviation(hertz.size)
         about = {"file": file, "kind": "response"}
         if quantity := said.columns[0].quantity:
-            about["quantity"] = quantity
+            about |= {"quantity": quantity, "unit": said.columns[0].unit.text}
             if quantity != "displacement":
                 self.remarks.append(f"{said.columns[0].text!r} is read as a response of {quantity} (--quantity)")
         return self._assembled(hertz, said, deviation, about, assumed)
@@ -314,17 +321,15 @@ class _Said:
 
     def remarks(self) -> list[str]:
         """Return what was read in columns whose names do not say it all."""
-        said = []
+        said, named = [], []
         for column in self.columns:
-            role = role_of(column)
-            if role == "phase" and column.unit.kind != "angle":
-                assert self.phase is not None
+            if role_of(column) == "phase" and self.phase is not None and column.unit.kind != "angle":
                 largest = float(np.nanmax(np.abs(self.phase))) * 180.0 / np.pi
                 said.append(f"the phase {column.text!r} has no unit and is read in degrees (it goes to {largest:.3g})")
             elif column.text.casefold() not in _PLAIN_NAMES:
                 unit = "dB" if _is_level(column) else column.unit.text
-                said.append(f"read: {column.text!r}{f' in {unit}' if unit else ''}")
-        return said
+                named.append(f"{column.text!r}{f' in {unit}' if unit else ''}")
+        return [*([f"the response is read in {', '.join(named)}"] if named else []), *said]
 
 
 def _is_level(column: ColumnName) -> bool:

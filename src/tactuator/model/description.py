@@ -266,13 +266,16 @@ class ForceSensor:
 
 @table("recorded")
 class Recorded:
-    """The record that a plant was identified from, as far as it is known. command, position: half their spans."""
+    """The record that a plant was identified from, as far as it is known. command, position: half their spans;
+    remarks: on how it was read.
+    """
 
     rate_hz: Positive | None = None
     command: NotNegative | None = None
     position: NotNegative | None = None
     position_unit: str = ""
     distrust: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 @table("[[channel]]")
