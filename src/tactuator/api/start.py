@@ -12,11 +12,10 @@ from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import Figures, Place
 from tactuator.errors import BadInput
 from tactuator.io import controller as controller_file
-from tactuator.io import csv_tables
+from tactuator.io import csv_tables, response_table
 from tactuator.io import display as display_file
 from tactuator.io import model as model_file
 from tactuator.io import record as record_file
-from tactuator.io import response_table
 from tactuator.io.atomic import write_files
 from tactuator.io.display import parse_display
 from tactuator.io.shipped import (
