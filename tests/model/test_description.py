@@ -46,7 +46,8 @@ def test_load__general_plant__is_p_over_one_plus_pz() -> None:
     s = 2j * np.pi * 12.0
     p = (50.0 * s + 3000.0) / (s**3 + 90.0 * s**2 + 5000.0 * s + 9000.0)
     z = (0.12 * s**2 + 31.0 * s + 360.0) / 50.0
-    assert FINGER.applied_to(plant).response(12.0) == pytest.approx(p / (1.0 + p * z))
+    touched = replace(FINGER, per=50.0)
+    assert touched.applied_to(plant).response(12.0) == pytest.approx(p / (1.0 + p * z))
 
 
 def test_channel__threshold_and_converter__by_hand() -> None:

@@ -144,6 +144,28 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     assert "nothing else holds the position" in only(verdict, "iv", "index", "finger", "change of |H|").remark
 
 
+def test_judge__open_loop__costs_a_resonance_that_is_off() -> None:
+    """Against the same controller on a motor whose resonance, 17.5 Hz and of damping 0.15, is 2 % lower or higher."""
+    natural = 2.0 * np.pi * 17.5
+
+    def exciter(moved: float) -> Channel:
+        w = natural * moved
+        plant = ContinuousSystem.from_polynomials([50.0 * w**2], [1.0, 0.3 * w, w**2])
+        return channel(plant=plant, loads=(), feedback=FeedbackRequirements(structure="none"))
+
+    made = design_controller(Display("exciter", 8000.0, 1, (exciter(1.0),)), 8)
+    others = [judge(made, Display("exciter", 8000.0, 1, (exciter(moved),))) for moved in (0.98, 1.02)]
+    truth = max(only(other, "i", "index", "none", "felt minus asked").value or 0.0 for other in others)
+    verdict = judge(made)
+    told = only(verdict, "i", "index", "none", "felt minus asked, a mode 2 % off")
+    assert told.value == pytest.approx(truth, abs=0.03) and truth > 0.7
+    assert told.outcome is Outcome.NOT_JUDGED and not told.counts and not verdict.notices()
+    strict = judge(made, replace(made.display, objectives=Objectives(flatness_db=0.5)))
+    assert ["felt minus asked, a mode 2 % off" in notice for notice in strict.notices()] == [True]
+    looped = judged(channel(plant=exciter(1.0).plant, loads=()))
+    assert not any("a mode 2 % off" in each.quantity for each in looped.objectives[0].findings)
+
+
 @pytest.mark.parametrize(
     ("valid_hz", "open_ones"),
     [

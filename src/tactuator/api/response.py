@@ -614,7 +614,8 @@ class FingerResult(Result):
         )
         lines = [
             f'{estimate.channel}: loads = [{{ name = "finger", mass = {estimate.load.mass:.4g}, damping = '
-            f"{estimate.load.damping:.4g}, stiffness = {estimate.load.stiffness:.4g} }}]"
+            f"{estimate.load.damping:.4g}, stiffness = {estimate.load.stiffness:.4g}"
+            f"{f', per = {estimate.per:.6g}' if estimate.per else ''} }}]"
             for estimate in self.estimates
             if estimate.described_by == ONE
         ]

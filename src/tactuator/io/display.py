@@ -143,7 +143,12 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
     }
     channel = from_table(Channel, _with_plant(mine, plant) | resolved, where)
     _require_travel_seen(channel, where)
-    return replace(channel, loads=tuple(_scaled(load, plant.scale) for load in channel.loads))
+    channel = replace(channel, loads=tuple(_scaled(load, plant.scale) for load in channel.loads))
+    with within(where):
+        for load in channel.loads:
+            for member in (channel.plant, *channel.family):
+                channel.under(load, member)
+    return channel
 
 
 def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
@@ -158,7 +163,11 @@ def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
 
 
 def _scaled(load: Load, scale: float) -> Load:
-    """Return the load of a plant whose denominator does not begin with one, in units of one that does."""
+    """Return the load of a plant whose denominator does not begin with one, in units of one that does; a load whose
+    scale is stated is in units of its own.
+    """
+    if load.per is not None:
+        return load
     return Load(load.name, load.mass / scale, load.damping / scale, load.stiffness / scale)
 
 

@@ -48,7 +48,7 @@ class FingerEstimate:
     mass or damping is more than half of it, or a reading came to its end (saturated). misfit_db: by how much the misfit
     of the one changes the felt level, at most. excess, chain_excess: squared misfit over what chance leaves in 99 of
     100, of the one and of the chain. chain: its mass, damping, stiffness and the second's, fitted; empty where the one
-    is within chance.
+    is within chance. per: scale of the figures, None for that of a motor.
     """
 
     channel: str
@@ -63,13 +63,14 @@ class FingerEstimate:
     chain: tuple[float, ...]
     realisations: int
     saturated: bool
+    per: float | None = None
 
     __repr__ = brief
 
     @property
     def load(self) -> Load:
         """Return the load of a display file; a figure below zero, which noise can bring about, is zero."""
-        return Load("finger", max(self.mass, 0.0), max(self.damping, 0.0), max(self.stiffness, 0.0))
+        return Load("finger", max(self.mass, 0.0), max(self.damping, 0.0), max(self.stiffness, 0.0), self.per)
 
 
 def one_impedance(figures: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
@@ -283,7 +284,7 @@ def finger_impedance(channel: Channel, plan: FingerPlan, free: ComplexArray, tou
         raise BadInput(f"channel {channel.name!r} measures the {channel.quantity}", "the displacement")
     f = plan.frequency_hz
     hold = np.sinc(f / plan.rate_hz) * np.exp(-2j * np.pi * f * (0.5 / plan.rate_hz + channel.plant.delay_s))
-    return np.asarray(channel.plant.gain * hold * (1.0 / touched - 1.0 / free))
+    return np.asarray(channel.load_scale * hold * (1.0 / touched - 1.0 / free))
 
 
 _HIGHEST_HZ = 250.0
@@ -326,11 +327,12 @@ def measure_finger(
     estimates = []
     for k, channel in enumerate(measured):
         impedance = finger_impedance(channel, plan, free[k], touched.response[k])
-        felt = loops[k].load_sensitivity(plan.frequency_hz) / channel.plant.gain
+        felt = loops[k].load_sensitivity(plan.frequency_hz) / channel.load_scale
         cut = any(play.ended[k] for play in (before, tried, touched, after))
         model = channel.plant.response(plan.frequency_hz) * np.sinc(plan.frequency_hz / plan.rate_hz)
         off = float(np.max(np.abs(np.median(np.abs(free[k] / model), axis=1) - 1.0)))
-        estimates.append(estimate_finger(channel.name, plan.frequency_hz, impedance, felt, cut, off))
+        estimate = estimate_finger(channel.name, plan.frequency_hz, impedance, felt, cut, off)
+        estimates.append(estimate if channel.is_motor else replace(estimate, per=channel.load_scale))
     return tuple(estimates)
 
 

@@ -14,7 +14,7 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from tactuator.errors import BadInput
-from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ, Load, Quantity, System
+from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ, Load, Quantity, System, motor_gain
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -94,6 +94,7 @@ def _channel_document(channel: Channel) -> dict[str, Any]:
         **plain(channel.environment),
         **(plain(channel.strength) if channel.strength != Strength() else {}),
         **{key: plain(getattr(channel.contact, key)) for key in channel.contact.said},
+        "loads": [{key: value for key, value in plain(load).items() if value is not None} for load in channel.loads],
         "plant": _system_document(channel.plant),
         "family": [_system_document(member) for member in channel.family],
         "controller": None if given is None else _system_document(given),
@@ -311,8 +312,9 @@ class Channel:
         Wording("a list of tables"),
         Field(
             description="what can touch it: `name`, `mass`, `damping`, `stiffness` of an impedance Z = (mass·s² + "
-            "damping·s + stiffness)/num[0], with which P becomes P/(1 + PZ); for a motor, kg, N·s/m and N/m divided "
-            "by the moving mass"
+            "damping·s + stiffness)/per in command volts per sensor volt, with which P becomes P/(1 + PZ); `per` is "
+            "the gain of a motor gain/(s² + bs + k), where kg, N·s/m and N/m are divided by the moving mass; for any "
+            "other plant, state it"
         ),
     ] = ()
     converter: Converter = field(default_factory=Converter)
@@ -414,7 +416,26 @@ class Channel:
 
     def loaded_plant(self, load: Load | None) -> ContinuousSystem:
         """Return the plant under `load`; for None, the plant without load."""
-        return self.plant if load is None else load.applied_to(self.plant, self.quantity)
+        return self.under(load, self.plant)
+
+    def under(self, load: Load | None, plant: ContinuousSystem) -> ContinuousSystem:
+        """Return one of the plants under `load`, whose scale is that of the nominal plant; for None, the plant."""
+        return plant if load is None else load.applied_to(plant, self.quantity, self.plant)
+
+    def impedance(self, load: Load) -> NDArray[np.float64]:
+        """Return the coefficients of a load's Z, (3,). Raises BadInput where its scale is missing."""
+        return load.impedance(self.plant, self.quantity)
+
+    @property
+    def is_motor(self) -> bool:
+        """Tell whether the plant is of the form whose gain is the scale of loads."""
+        return motor_gain(self.plant, self.quantity) is not None
+
+    @property
+    def load_scale(self) -> float:
+        """Return the scale in which an estimated load is written: the motor's gain, or else that of the loads."""
+        stated = next((load.per for load in self.loads if load.per), 1.0)
+        return motor_gain(self.plant, self.quantity) or stated
 
     def threshold_voltage(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
         """Return the |H| that the curve asks for: peak volts of y at threshold (r = 1); any shape."""

@@ -6,15 +6,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tactuator.arrays import ComplexArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, within
-from tactuator.parameters import NotNegative, Number, from_table, kept_by, table
+from tactuator.parameters import NotNegative, Number, Positive, from_table, kept_by, table
 from tactuator.signals.systems import ContinuousSystem
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
 DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Number of times that the displacement is differentiated to give the quantity."""
 HIGHEST_RATE_HZ = 1e6  # beyond it double precision has too few digits for what is slow
+_GROWS = 1e-7
+"""Real part of a root over the largest root that rounding does not explain, where two lie at rest."""
 _Root = Number | tuple[Number, Number]
 
 
@@ -68,28 +70,65 @@ System = Annotated[ContinuousSystem, *kept_by(system_of, "`{ num, den }` or `{ z
 
 @table("load")
 class Load:
-    """An impedance Z(s) = (mass s^2 + damping s + stiffness) / num[0], in the plant's own units.
+    """An impedance, command volts per sensor volt of displacement: Z(s) = (mass s^2 + damping s + stiffness) / per.
 
-    num[0] is the leading coefficient of the plant's numerator over a monic denominator, so that for a second-order
-    motor the load is simply added to the denominator. Raises BadInput for a negative or infinite figure.
+    per: None for the gain of a plant of the form of a motor, gain/(s^2 + bs + k), to whose denominator the load is then
+    simply added. Raises BadInput for a negative or infinite figure.
     """
 
     name: str
     mass: NotNegative = 0.0
     damping: NotNegative = 0.0
     stiffness: NotNegative = 0.0
+    per: Positive | None = None
 
-    def applied_to(self, plant: ContinuousSystem, quantity: Quantity = "displacement") -> ContinuousSystem:
-        """Return the plant under this load: P0/(1 + P0 Z), its dead time outside; P0 gives the displacement."""
+    def impedance(self, plant: ContinuousSystem, quantity: Quantity = "displacement") -> FloatArray:
+        """Return the coefficients of Z in descending powers of s, (3,); plant: whose scale it is in where `per` is not
+        stated. Raises BadInput where that plant is not of the form of a motor.
+        """
+        per = motor_gain(plant, quantity) if self.per is None else float(np.copysign(self.per, plant.gain))
+        if per is None:
+            raise BadInput(
+                f"not stated for load {self.name!r}, and the plant is not of the form gain/(s^2 + bs + k), whose gain "
+                "is the scale of loads",
+                "a number with which (mass s^2 + damping s + stiffness)/per is in command volts per sensor volt; for a "
+                "load in kg, N·s/m and N/m: newtons per command volt × sensor volts per metre",
+                key="per",
+            )
+        return np.array([self.mass, self.damping, self.stiffness]) / per
+
+    def applied_to(
+        self, plant: ContinuousSystem, quantity: Quantity = "displacement", nominal: ContinuousSystem | None = None
+    ) -> ContinuousSystem:
+        """Return a plant under this load: P/(1 + P0 Z), its dead time outside; P0 gives the displacement. nominal: the
+        plant whose scale the load is in; None for `plant`.
+
+        Raises BadInput where the scale is missing, for a zero in the right half plane, and where a stable plant becomes
+        unstable: a point that is pushed and touched has no such zero, and nothing passive makes it unstable.
+        """
+        impedance = self.impedance(nominal or plant, quantity)
+        allowed = "a plant of the point that is touched, with its dead time as delay_s; or no load"
+        ahead = plant.zeros[plant.zeros.real > _GROWS * np.max(np.abs(plant.zeros), initial=0.0)]
+        if ahead.size:
+            got = f"a list, while the plant has a zero at {ahead[0].real:+.4g} rad/s, in the right half plane"
+            raise BadInput(got, allowed, key="loads")
         order = DERIVATIVES[quantity]
         zeros, extra_poles = _integrated(plant, order)
         numerator = np.real(np.poly(zeros))
         denominator = np.real(np.poly(np.append(plant.poles, extra_poles)))
-        impedance = np.array([self.mass, self.damping, self.stiffness])
-        loaded = np.polyadd(denominator, np.polymul(numerator, impedance))
+        loaded = np.polyadd(denominator, np.polymul(numerator, plant.gain * impedance))
         poles = np.roots(loaded)
+        if np.max(poles.real) > _GROWS * np.max(np.abs(poles)) and not np.any(plant.poles.real > 0.0):
+            got = f"a list, of which one makes the plant unstable (a pole at {np.max(poles.real):+.4g} rad/s)"
+            raise BadInput(got, allowed, key="loads")
         gain = plant.gain / loaded[np.nonzero(loaded)[0][0]]
         return ContinuousSystem(np.append(zeros, np.zeros(order)), poles, float(gain), plant.delay_s)
+
+
+def motor_gain(plant: ContinuousSystem, quantity: Quantity = "displacement") -> float | None:
+    """Return the gain of a plant whose displacement is gain/(s^2 + bs + k); None for a plant of another form."""
+    zeros, extra_poles = _integrated(plant, DERIVATIVES[quantity])
+    return plant.gain if zeros.size == 0 and plant.poles.size + extra_poles.size == 2 else None
 
 
 def _integrated(plant: ContinuousSystem, order: int) -> tuple[ComplexArray, ComplexArray]:

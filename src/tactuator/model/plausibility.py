@@ -221,8 +221,8 @@ def channel_doubts(channel: Channel, rate_hz: float) -> Iterator[Doubt]:
     yield from _recorded_doubts(channel, rate_hz, travel_v)
     yield from curve_doubts(channel.threshold.curve)
     if channel.plant.poles.size - channel.plant.zeros.size == 2 - DERIVATIVES[channel.quantity]:
-        heaviest = max((load.mass for load in channel.loads), default=0.0)
-        yield from EXPECTED["load"].doubts(heaviest)  # in units of the plant's own mass
+        heaviest = max((channel.impedance(load)[0] for load in channel.loads), default=0.0)
+        yield from EXPECTED["load"].doubts(channel.plant.gain * heaviest)  # in units of the plant's own mass
 
 
 def channel_reasons(channel: Channel, rate_hz: float) -> list[str]:

@@ -28,6 +28,8 @@ OBJECTIVES = {
 
 FELT_MINUS_ASKED = "felt minus asked"
 """What objective i is judged by: the level that is felt, less the level that was asked for."""
+MODE_OFF = f"{FELT_MINUS_ASKED}, a mode 2 % off"
+"""What is felt without a loop where the resonance has moved by as much as it does with temperature and mounting."""
 OF_THE_LOOP = ("i", "ii", "iii", "iv")
 """Objectives that a closed loop has to be stable for."""
 
@@ -192,6 +194,11 @@ class Verdict(Result):
         """Return the verdict in words and as a document."""
         beside = [each for each in self.beside if isinstance(each, Fact)]
         return [*self.told(), *data(self.document()), *beside]
+
+    def notices(self) -> Sequence[str]:
+        """Return what a mode that is off costs a display without a loop, where that is more than is allowed."""
+        findings = [each for objective in self.objectives for each in objective.findings]
+        return [_in_words(each) for each in findings if each.quantity == MODE_OFF and each.excess > 0.0]
 
     def next_step(self) -> str:
         """Return where to read on, unless all is met."""

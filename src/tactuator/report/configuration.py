@@ -55,7 +55,11 @@ def _formula(system: ContinuousSystem) -> tuple[str, ...]:
 def mechanism_figure(channel: Channel) -> ReportFigure:
     """Draw one channel's mechanism: amplifier to motor, finger, sensor."""
     num, den = printed_polynomials(channel.plant)
-    loads = [f"{load.name}: {load.mass:g} s² + {load.damping:g} s + {load.stiffness:g}" for load in channel.loads]
+    loads = [
+        f"{load.name}: {load.mass:g} s² + {load.damping:g} s + {load.stiffness:g}"
+        + (f", per {load.per:g}" if load.per else "")
+        for load in channel.loads
+    ]
     drawing = _diagram(
         "mechanism",
         num=num,

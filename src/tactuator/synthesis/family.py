@@ -41,7 +41,7 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
     names = channel.models or ("",) * (1 + len(channel.family))
     for model, (name, plant) in enumerate(zip(names, (channel.plant, *channel.family), strict=True)):
         for load in loads:
-            loaded = plant if load is None else load.applied_to(plant, channel.quantity)
+            loaded = channel.under(load, plant)
             sampled = discretise(loaded, rate_hz, "zoh", delay_samples)
             on = UNLOADED if load is None else load.name
             members.append(Member(on, model, loaded, sampled, name, model - names.index(name)))

@@ -112,14 +112,14 @@ def _drawn_plants(
     grid = _Grids(controller, channel, display, load)
     rows: list[tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]] = []
     for start in range(0, count, _AT_ONCE):
-        plants, lead = _drawn(channel, min(_AT_ONCE, count - start), rng, mode_shift, grid.frequency_hz)
-        rows.append(grid.figures(_loaded(plants, lead, load, channel, grid.frequency_hz)))
+        plants = _drawn(channel, min(_AT_ONCE, count - start), rng, mode_shift, grid.frequency_hz)
+        rows.append(grid.figures(_loaded(plants, load, channel, grid.frequency_hz)))
     stable, *figures = (np.concatenate(column) for column in zip(*rows, strict=True))
     return DrawnPlants(
         channel.name,
         UNLOADED if load is None else load.name,
         "covariance" if channel.covariance else "family" if channel.family else "nominal",
-        mode_shift if next(_light_roots(channel), None) is not None else 0.0,
+        mode_shift if next(light_roots(channel), None) is not None else 0.0,
         stable,
         *(np.where(stable, values, np.nan) for values in figures),
     )
@@ -183,38 +183,41 @@ class _Grids:
 
 def _drawn(
     channel: Channel, count: int, rng: np.random.Generator, mode_shift: float, frequency_hz: FloatArray
-) -> tuple[ComplexArray, FloatArray]:
-    """Return responses (count, f) of plants drawn from what is known of the channel, with shifted modes, and their
-    leading coefficients (count, 1), in which loads are told."""
+) -> ComplexArray:
+    """Return responses (count, f) of plants drawn from what is known of the channel, with shifted modes."""
     s: ComplexArray = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     if channel.covariance:
-        responses, lead = _from_covariance(channel, count, rng, s)
+        responses = _from_covariance(channel, count, rng, s)
     else:
         plants = (channel.plant, *channel.family)
         which = rng.integers(len(plants), size=count)
         responses = np.array([plant.response(frequency_hz) for plant in plants])[which]
-        lead = np.array([plant.gain for plant in plants])[which, None]
-    for root, sign in _light_roots(channel):
-        natural, damping = abs(root), -root.real / abs(root)
-        moved = natural * np.exp(mode_shift * rng.standard_normal((count, 1)))
-        # of unit gain far below the mode, so that a shift does not change the plant at rest
-        factor = (s**2 / moved**2 + 2.0 * damping * s / moved + 1.0) / (
-            s**2 / natural**2 + 2.0 * damping * s / natural + 1.0
-        )
-        responses = responses * factor**sign
-    return np.asarray(responses, dtype=np.complex128), lead
+    for root, sign in light_roots(channel):
+        moved = np.exp(mode_shift * rng.standard_normal((count, 1)))
+        responses = responses * moved_root(root, moved, frequency_hz) ** sign
+    return np.asarray(responses, dtype=np.complex128)
 
 
-def _light_roots(channel: Channel) -> Iterator[tuple[complex, int]]:
+def moved_root(root: complex, moved: FloatArray | float, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the factor by which a pair of zeros changes a response at `frequency_hz` (f,) where its frequency is
+    `moved` times as high; of unit gain far below, so that nothing changes at rest.
+    """
+    natural, damping = abs(root), -root.real / abs(root)
+    s = 2j * np.pi * frequency_hz
+    shifted = natural * moved
+    return np.asarray(
+        (s**2 / shifted**2 + 2.0 * damping * s / shifted + 1.0) / (s**2 / natural**2 + 2.0 * damping * s / natural + 1.0)
+    )
+
+
+def light_roots(channel: Channel) -> Iterator[tuple[complex, int]]:
     """Yield the upper one of every lightly damped pair: poles with the sign -1, zeros with +1."""
     for roots, sign in ((channel.plant.poles, -1), (channel.plant.zeros, 1)):
         for root in roots[(roots.imag > 0.0) & (np.abs(roots.real) < LIGHT_DAMPING * np.abs(roots))]:
             yield complex(root), sign
 
 
-def _from_covariance(
-    channel: Channel, count: int, rng: np.random.Generator, s: ComplexArray
-) -> tuple[ComplexArray, FloatArray]:
+def _from_covariance(channel: Channel, count: int, rng: np.random.Generator, s: ComplexArray) -> ComplexArray:
     num, den = channel.plant.polynomials()
     theta = np.concatenate([num, den[1:], [channel.plant.delay_s]])
     covariance = np.array(channel.covariance)
@@ -227,20 +230,18 @@ def _from_covariance(
     above = np.polyval(columns[: num.size], s)
     below = np.polyval(np.concatenate([np.ones((1, count, 1)), columns[num.size : -1]]), s)
     late = np.exp(-s * np.maximum(drawn[:, -1:], 0.0))
-    return np.asarray(above / below * late, dtype=np.complex128), drawn[:, :1]
+    return np.asarray(above / below * late, dtype=np.complex128)
 
 
-def _loaded(
-    plants: ComplexArray, lead: FloatArray, load: Load | None, channel: Channel, frequency_hz: FloatArray
-) -> ComplexArray:
+def _loaded(plants: ComplexArray, load: Load | None, channel: Channel, frequency_hz: FloatArray) -> ComplexArray:
     """Return P/(1 + P0 Z) with P0 the displacement without dead time (see `Load`)."""
     if load is None:
         return plants
     s = 2j * np.pi * frequency_hz
     late = np.exp(-s * channel.plant.delay_s)
-    impedance = load.mass * s**2 + load.damping * s + load.stiffness
+    impedance = np.polyval(channel.impedance(load), s)
     moved = plants / late / s ** DERIVATIVES[channel.quantity]
-    return np.asarray(plants / (1.0 + moved * impedance / lead))
+    return np.asarray(plants / (1.0 + moved * impedance))
 
 
 def plants_table(drawn: Sequence[DrawnPlants]) -> ResultTable:

@@ -26,6 +26,7 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import (
     FELT_MINUS_ASKED,
+    MODE_OFF,
     OF_THE_LOOP,
     Finding,
     Outcome,
@@ -37,12 +38,12 @@ from tactuator.model.verdict import (
 )
 from tactuator.signals.decibels import db
 from tactuator.signals.loop import TwoDegreeLoop
-from tactuator.signals.loop_figures import margins
+from tactuator.signals.loop_figures import around_modes_hz, margins
 from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.design import headroom, headroom_grid_hz
 from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db, steps_change_db
-from tactuator.synthesis.monte_carlo import DrawnPlants
+from tactuator.synthesis.monte_carlo import SHIFT, DrawnPlants, light_roots, moved_root
 from tactuator.synthesis.prefilter import band_grid_hz, response_error_db
 from tactuator.synthesis.strength import JUDGED_DB_SL, furthest, shaping_error_db
 from tactuator.synthesis.touch import fed_response
@@ -165,6 +166,32 @@ class _Judge:
         if self.member.load == UNLOADED:
             return finding
         return replace(_open(finding, "for information only: objective iv judges what a load changes"), counts=False)
+
+    def moved_mode(self) -> Iterator[Finding]:
+        """Tell what is felt without a loop where the frequency of one lightly damped mode is off, in the worst case."""
+        channel, allowed_db = self.channel, self.display.objectives.flatness_db
+        roots = list(light_roots(channel))
+        if self.loop.feedback is not None or not roots:
+            return
+        low, high = channel.threshold.band_hz
+        around = around_modes_hz(np.array([root for root, _ in roots]))
+        near = around[(around >= low) & (around <= high)]
+        frequency = np.union1d(band_grid_hz(channel, _POINTS), near)
+        frequency = frequency[channel.is_known(frequency)]
+        if frequency.size == 0:
+            return
+        error = response_error_db(channel, self.loop, frequency)
+        changes = [
+            sign * db(np.abs(moved_root(root, moved, frequency)))
+            for root, sign in roots
+            for moved in (1.0 - SHIFT, 1.0 + SHIFT)
+        ]
+        worst = furthest([error + change for change in changes])
+        place = int(np.argmax(np.abs(worst)))
+        figure = float(abs(worst[place])), allowed_db, "dB"
+        finding = self.compared(("i", MODE_OFF), figure, float(frequency[place]), "")
+        remark = f"for information only: {in_jnd(figure[0])}; --monte-carlo draws such plants"
+        yield replace(_open(finding, remark), side=float(np.sign(worst[place])), counts=False)
 
     def _shaped(self, frequency: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
         """Return the level asked for at a strength level, dB SL, and the error against it of a reference's reshaping,
@@ -361,6 +388,7 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
         if member is family[0]:
             yield from judge.unknown()
             yield from judge.lowest()
+            yield from judge.moved_mode()
         yield judge.flatness()
         yield from judge.reach()
         yield from judge.lower_gain(bears_less)

@@ -71,7 +71,7 @@ def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop)
     delay = require_adaptive(display, channel, is_looped=loop.feedback is not None)
     poles = channel.plant.poles
     gain, damping, stiffness = channel.plant.gain, float(-np.sum(poles).real), float(np.prod(poles).real)
-    load = channel.loads[0]
+    load = channel.impedance(channel.loads[0]) * gain
     high = channel.threshold.band_hz[1]
     turns = max(1, round(display.rate_hz / LEARN_HZ))
     lines = [f for f in channel.environment.hum_hz if f < 0.4 * display.rate_hz / turns]
@@ -79,7 +79,7 @@ def design_feed_forward(display: Display, channel: Channel, loop: TwoDegreeLoop)
         gain=gain,
         damping=damping,
         stiffness=stiffness,
-        load=(load.mass, load.damping, load.stiffness),
+        load=(float(load[0]), float(load[1]), float(load[2])),
         delay_samples=delay,
         turns=turns,
         corner_hz=_CORNER * high,
@@ -119,7 +119,8 @@ def load_weights(model: FeedForward, load: Load) -> FloatArray:
     """
     mass, damping, _ = model.load
     nearest = [load.mass / mass if mass else 0.0, load.damping / damping if damping else 0.0]
-    return np.asarray(np.clip(np.array(nearest), 0.0, model.weight_max), dtype=np.float64)
+    scale = model.gain / (load.per or model.gain)
+    return np.asarray(np.clip(scale * np.array(nearest), 0.0, model.weight_max), dtype=np.float64)
 
 
 def fed_push(
