@@ -216,7 +216,9 @@ def force(**more):
 
 def without_gain(**more):
     document = three_finger_display()
-    entry = {key: value for key, value in document["channel"][0].items() if key not in {"sensor_gain_v_per_mm", "loads"}}
+    entry = {
+        key: value for key, value in document["channel"][0].items() if key not in {"sensor_gain_v_per_mm", "loads"}
+    }
     return parse_display(document | {"sound": FULL, "channel": [entry | force(**more)]})
 
 

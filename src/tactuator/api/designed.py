@@ -52,7 +52,11 @@ class ControllerResult(Result, Controller):
         channels = self.display.channels
         given = [(channel.name, channel.recorded.remarks) for channel in channels if channel.recorded is not None]
         remarks = [f"{name}: the plant: {remark}" for name, of_plant in given for remark in of_plant]
-        return [*(notice for channel in channels for notice in channel.contact_notices()), *remarks, *self.verdict.notices()]
+        return [
+            *(notice for channel in channels for notice in channel.contact_notices()),
+            *remarks,
+            *self.verdict.notices(),
+        ]
 
     def next_step(self) -> str:
         return "tactuator build" if self.holds else "--full lists every finding, with what helps"

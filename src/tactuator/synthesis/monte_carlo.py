@@ -206,7 +206,8 @@ def moved_root(root: complex, moved: FloatArray | float, frequency_hz: FloatArra
     s = 2j * np.pi * frequency_hz
     shifted = natural * moved
     return np.asarray(
-        (s**2 / shifted**2 + 2.0 * damping * s / shifted + 1.0) / (s**2 / natural**2 + 2.0 * damping * s / natural + 1.0)
+        (s**2 / shifted**2 + 2.0 * damping * s / shifted + 1.0)
+        / (s**2 / natural**2 + 2.0 * damping * s / natural + 1.0)
     )
 
 
