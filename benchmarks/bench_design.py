@@ -55,15 +55,15 @@ def display() -> Display:
     for name, (gain, lead, damping, stiffness, load) in FINGERS.items():
         plant = ContinuousSystem.from_polynomials([lead], [1.0, damping, stiffness])
         threshold = Threshold(curve("bolanowski-1988"))
-        channels.append(Channel(name, name, gain, 12.5, plant, threshold, loads=(load,), feedback=LIMITS))
-    return Display("three fingers", RATE_HZ, 1, tuple(channels))
+        channels.append(Channel(name, gain, 12.5, plant, threshold=threshold, loads=(load,), feedback=LIMITS))
+    return Display(RATE_HZ, tuple(channels), 1, "three fingers")
 
 
 def family(members: int) -> Display:
     """Return a display of one channel that may be free or loaded in members - 1 ways."""
     index = display().channels[0]
     each = [Load(f"load {k}", 0.02 + 0.004 * k, 10.0 + 0.7 * k, 50.0 + 10.0 * k) for k in range(members - 1)]
-    return Display("family", RATE_HZ, 1, (replace(index, loads=tuple(each)),))
+    return Display(RATE_HZ, (replace(index, loads=tuple(each)),), 1, "family")
 
 
 def peer(channel: Channel) -> float:

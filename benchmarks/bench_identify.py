@@ -19,8 +19,7 @@ from scipy import optimize, signal
 
 from tactuator.identification.identify import identify
 from tactuator.identification.recursive import recursive_least_squares
-from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.curve import curve
+from tactuator.model.description import Channel, Display
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.record import Record
@@ -34,9 +33,9 @@ BAND_HZ = np.geomspace(0.4, 300.0, 500)
 
 
 def record() -> Record:
-    channel = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
+    channel = Channel("index", 0.19898, 12.5, MOTOR)
     command = paper_mix(60.0, RATE_HZ, 10.0, np.random.default_rng(0), plant=MOTOR, travel_v=2.4)
-    trace = SimulatedRig(Display("paper", RATE_HZ, 1, (channel,)), 3).drive(command[:, None])
+    trace = SimulatedRig(Display(RATE_HZ, (channel,), 1, "paper"), 3).drive(command[:, None])
     return Record(RATE_HZ, trace.command_v[:, 0], trace.position_v[:, 0])
 
 

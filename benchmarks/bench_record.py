@@ -15,8 +15,7 @@ from timing import in_turn, of_program
 
 from tactuator.io.columns import read_columns
 from tactuator.io.record import write_record
-from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.curve import curve
+from tactuator.model.description import Channel, Display
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.excitation import paper_mix
 from tactuator.signals.record import Record
@@ -38,11 +37,11 @@ def csv(folder: Path) -> dict[str, object]:
 
 
 def identified(folder: Path) -> dict[str, object]:
-    channel = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
+    channel = Channel("index", 0.19898, 12.5, MOTOR)
     figures: dict[str, object] = {}
     for seconds in (60.0, 1000.0):
         command = paper_mix(seconds, RATE_HZ, 10.0, np.random.default_rng(0), plant=MOTOR, travel_v=2.4)
-        trace = SimulatedRig(Display("paper", RATE_HZ, 1, (channel,)), 3).drive(command[:, None])
+        trace = SimulatedRig(Display(RATE_HZ, (channel,), 1, "paper"), 3).drive(command[:, None])
         path = folder / "long.h5"
         write_record(path, Record(RATE_HZ, trace.command_v[:, 0], trace.position_v[:, 0]))
         cpu_s, _, peak_mb = of_program([sys.executable, "-m", "tactuator", "identify", str(path), "--json"])

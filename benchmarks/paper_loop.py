@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.model.description import Channel, Display, Threshold
-from tactuator.perception.curve import curve
+from tactuator.model.description import Channel, Display
 from tactuator.signals.discretise import discretise
 from tactuator.signals.systems import ContinuousSystem
 
@@ -26,5 +25,5 @@ def paper_controller(display: Display) -> Controller:
 
 
 def paper_display() -> Display:
-    channel = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
-    return Display("benchmark", RATE_HZ, 1, (channel,))
+    channel = Channel("index", 0.19898, 12.5, MOTOR)
+    return Display(RATE_HZ, (channel,), 1, "benchmark")

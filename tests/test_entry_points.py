@@ -56,7 +56,7 @@ class Inner:
 
 @p.table("[outer]", eq=False)
 class Outer:
-    name: Annotated[str, p.InFile("x"), Field(description="how it is called")]
+    name: Annotated[str, Field(description="how it is called")]
     bits: Annotated[p.Whole, Field(ge=8, le=24, description="of the converter")] = 16
     limit_db: Annotated[p.Number | None, Field(description="at most")] = None
     band_hz: Annotated[p.Band, Field(description="where")] = (1.0, 2.0)
@@ -113,7 +113,7 @@ def test_parameters__of_a_table__tell_default_choices_unit_and_what_is_allowed()
     about = p.parameters(Outer)
     assert list(about) == ["name", "bits", "limit_db", "band_hz", "on", "kind", "lines_hz"]
     assert [p.default(each) for each in about.values()] == [
-        '"x"',
+        None,
         "16",
         "none",
         "[1.0, 2.0]",
@@ -123,7 +123,6 @@ def test_parameters__of_a_table__tell_default_choices_unit_and_what_is_allowed()
     ]
     assert p.choices(about["kind"]) == ['"a"', '"b"']
     assert p.choices(about["bits"]) is None
-    assert p.in_file(Outer) == {"name": "x"}
     assert p.allowed(about["limit_db"]) == "a number"
     assert [p.unit(name) for name in ("rate_hz", "level_db_sl", "gain_v_per_mm", "poles")] == [
         "Hz",

@@ -9,14 +9,43 @@ from importlib import import_module
 _CHAIN = (
     (
         "start",
-        {"api.start": ("init", "examples", "read_display", "read_record", "read_response", "read_curve", "read_model")},
+        {
+            "api.start": (
+                *(
+                    "init",
+                    "examples",
+                    "curves",
+                    "read_display",
+                    "read_record",
+                    "read_response",
+                    "read_curve",
+                    "read_model",
+                ),
+            )
+        },
     ),
-    ("model", {"api.model": ("calibrate", "record", "identify")}),
-    ("controller", {"api.controller": ("design", "check", "build", "image"), "api.start": ("read_controller",)}),
+    ("describe", {"model.description": ("Display", "Channel"), "model.plant": ("Load",)}),
+    ("model", {"api.model": ("calibrate_sensor", "record", "identify")}),
+    (
+        "controller",
+        {
+            "api.controller": ("design", "check", "word_length", "build_image", "read_image"),
+            "api.start": ("read_controller",),
+            "signals.exchange": ("to_control", "from_control"),
+        },
+    ),
     ("rig", {"rig.open": ("open_rig",), "rig.simulated": ("SimulatedRig",), "api.sound": ("calibrate_display",)}),
-    ("measure", {"api.response": ("measure_response", "noise", "crosstalk", "disturb", "finger")}),
+    (
+        "measure",
+        {
+            "api.response": (
+                *("measure_response", "measure_noise", "measure_crosstalk", "measure_rejection", "estimate_load"),
+            ),
+            "io.response": ("read_responses",),
+        },
+    ),
     ("speech", {"api.speech": ("render", "play"), "api.items": ("waveforms",)}),
-    ("people", {"api.experiment": ("thresholds",)}),
+    ("people", {"api.experiment": ("simulate", "observe", "thresholds")}),
     ("paper", {"paper.reproduce": ("reproduce",)}),
     (
         "errors",

@@ -1,20 +1,24 @@
-from tactuator.api.controller import build as build
+from tactuator.api.controller import build_image as build_image
 from tactuator.api.controller import check as check
 from tactuator.api.controller import design as design
-from tactuator.api.controller import image as image
+from tactuator.api.controller import read_image as read_image
+from tactuator.api.controller import word_length as word_length
+from tactuator.api.experiment import observe as observe
+from tactuator.api.experiment import simulate as simulate
 from tactuator.api.experiment import thresholds as thresholds
 from tactuator.api.items import waveforms as waveforms
-from tactuator.api.model import calibrate as calibrate
+from tactuator.api.model import calibrate_sensor as calibrate_sensor
 from tactuator.api.model import identify as identify
 from tactuator.api.model import record as record
-from tactuator.api.response import crosstalk as crosstalk
-from tactuator.api.response import disturb as disturb
-from tactuator.api.response import finger as finger
+from tactuator.api.response import estimate_load as estimate_load
+from tactuator.api.response import measure_crosstalk as measure_crosstalk
+from tactuator.api.response import measure_noise as measure_noise
+from tactuator.api.response import measure_rejection as measure_rejection
 from tactuator.api.response import measure_response as measure_response
-from tactuator.api.response import noise as noise
 from tactuator.api.sound import calibrate_display as calibrate_display
 from tactuator.api.speech import play as play
 from tactuator.api.speech import render as render
+from tactuator.api.start import curves as curves
 from tactuator.api.start import examples as examples
 from tactuator.api.start import init as init
 from tactuator.api.start import read_controller as read_controller
@@ -30,7 +34,11 @@ from tactuator.errors import NoDesign as NoDesign
 from tactuator.errors import StoreFault as StoreFault
 from tactuator.errors import TactuatorError as TactuatorError
 from tactuator.errors import TimingMissed as TimingMissed
+from tactuator.io.response import read_responses as read_responses
 from tactuator.measure.open_loop import NoEqualiser as NoEqualiser
+from tactuator.model.description import Channel as Channel
+from tactuator.model.description import Display as Display
+from tactuator.model.plant import Load as Load
 from tactuator.paper.reproduce import reproduce as reproduce
 from tactuator.rig.board.link import LinkGarbled as LinkGarbled
 from tactuator.rig.board.link import RigFault as RigFault
@@ -42,6 +50,8 @@ from tactuator.rig.simulated import SimulatedRig as SimulatedRig
 from tactuator.rig.sound.stream import CardGone as CardGone
 from tactuator.rig.sound.stream import SoundGap as SoundGap
 from tactuator.rig.transport import LinkDown as LinkDown
+from tactuator.signals.exchange import from_control as from_control
+from tactuator.signals.exchange import to_control as to_control
 from tactuator.signals.loop import UnstableLoop as UnstableLoop
 
 __version__: str

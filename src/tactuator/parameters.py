@@ -62,13 +62,6 @@ class Wording:
     default: str = ""
 
 
-@dataclasses.dataclass(frozen=True)
-class InFile:
-    """The default of a parameter that a file may leave out, while Python says it."""
-
-    default: Any
-
-
 def _ascending(band: tuple[float, float]) -> tuple[float, float]:
     low, high = band
     if not low < high:
@@ -119,6 +112,9 @@ def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
                 raise _refusal(table_of, title, error) from None
 
         table_of.__init__ = init
+        hints, signature = get_type_hints(cls), inspect.signature(table_of)
+        plain = [each.replace(annotation=hints.get(name, Any)) for name, each in signature.parameters.items()]
+        table_of.__signature__ = signature.replace(parameters=plain)
         return cast(type[T], table_of)
 
     return decorate
@@ -153,22 +149,15 @@ def parameters(cls: type) -> dict[str, FieldInfo]:
     return {name: about for name, about in known.items() if about.description}
 
 
-def in_file(cls: type) -> dict[str, Any]:
-    """Return the defaults of keys that a file may leave out, while Python says them."""
-    marks = {name: _mark(about, InFile) for name, about in parameters(cls).items()}
-    return {name: mark.default for name, mark in marks.items() if mark is not None}
-
-
 def default(about: FieldInfo) -> str | None:
     """Return the default of a parameter as a file writes it, "none" where nothing is asked; None where it must be
     said."""
-    words, mark = _mark(about, Wording), _mark(about, InFile)
+    words = _mark(about, Wording)
     if words is not None and words.default:
         return str(words.default)
-    value = mark.default if mark is not None else about.default
-    if mark is None and about.is_required():
+    if about.is_required():
         return None
-    return "none" if value is None else literal(value)
+    return "none" if about.default is None else literal(about.default)
 
 
 def literal(value: Any) -> str:

@@ -341,8 +341,8 @@ def said_of(slip: Slip, folder: Path, measured: bool = False) -> Iterator[Said]:
         yield _run("check", controller)
         if measured:
             points = ["--frequency-hz", "40,100", "--level", "5", "--confidence-db", "1"]
-            yield _run("measure", "--controller", controller, *points)
-            yield _run("noise", "--controller", controller, "--duration-s", "4")
+            yield _run("measure", "response", "--controller", controller, *points)
+            yield _run("measure", "noise", "--controller", controller, "--duration-s", "4")
 
 
 def _run(*arguments: str) -> Said:

@@ -17,7 +17,6 @@ import pytest
 from matplotlib.figure import Figure
 
 import tactuator as tt
-from tactuator.api.controller import wordlength
 from tactuator.api.start import curves
 from tactuator.cli import main
 from tactuator.cli.output import summary
@@ -55,6 +54,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         Path("small.toml").write_text(PROTOCOL)
+        measured = ["measure", "response", "--display", "display.toml", "--frequency-hz", "30", "--channel", "index"]
+        assert main([*measured, "--out", "response.h5", "--json"]) == 0
         assert main(["experiment", "observe", "small.toml", "--store", "lab.db", "--seed", "1", "--json"]) == 0
         yield folder
 
@@ -69,13 +70,13 @@ def errors_below(kind: type[Exception]) -> set[type[Exception]]:
     return {kind}.union(*map(errors_below, kind.__subclasses__()))
 
 
-def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_import():
-    assert len(FUNCTIONS) <= 32
+def test_names__at_most_42__all_there_as_the_types_and_help_say_and_light_to_import():
+    assert len(FUNCTIONS) <= 42
     assert set(tt.__all__) == set(NAMES)
     assert set(NAMES) - set(FUNCTIONS) == {error.__name__ for error in errors_below(tt.TactuatorError)}
     listed = pydoc.plain(pydoc.render_doc(tt))
-    assert listed.index("calibrate, record, identify") < listed.index("design, check, build")
-    assert all(f"\n    {name}(" in listed for name in FUNCTIONS if name != "SimulatedRig")
+    assert listed.index("calibrate_sensor, record, identify") < listed.index("design, check, word_length")
+    assert all(f"\n    {name}(" in listed for name in FUNCTIONS if not isinstance(getattr(tt, name), type))
     assert all(getattr(tt, name) is not None for name in NAMES)
     typed = Path(tt.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
     assert sorted(re.findall(r"import (\w+) as \1\n", typed)) == sorted(NAMES)
@@ -103,13 +104,28 @@ def test_names__at_most_32__all_there_as_the_types_and_help_say_and_light_to_imp
             "render('speech.wav', None, 'x.wav', level_db_sl='loud')",
             "render: level_db_sl is 'loud'; it must be a number",
         ),
-        ("noise(rig, controller, seed=-1)", "noise: seed is -1; it must be 0 or more"),
-        ("noise(rig, controller, gains=['a'])", "gains is ['a']; it must be real numbers, in a list or in a text"),
+        ("measure_noise(rig, controller, seed=-1)", "measure_noise: seed is -1; it must be 0 or more"),
+        (
+            "measure_noise(rig, controller, gains=['a'])",
+            "gains is ['a']; it must be real numbers, in a list or in a text",
+        ),
         ("measure_response(rig, controller, [[1.0], [2.0, 3.0]])", "frequency_hz is [[1.0], [2.0, 3.0]]; it must be"),
-        ("disturb(rig, controller, frequency_hz=np.array([1j]))", "frequency_hz is array([0.+1.j]); it must be"),
-        ("disturb(rig, controller, frequency_hz=np.ones((2, 2)))", "frequency_hz is array([[1., 1.], [1., 1.]])"),
-        ("disturb(rig, controller, frequency_hz=[5.0, float('nan')])", "frequencies [5.0, nan] Hz; expected above 0"),
-        ("calibrate((['a'] * 4, [1.0, 2.0, 3.0, 4.0]))", "pairs is ['a', 'a', 'a', 'a']; it must be real numbers"),
+        (
+            "measure_rejection(rig, controller, frequency_hz=np.array([1j]))",
+            "frequency_hz is array([0.+1.j]); it must be",
+        ),
+        (
+            "measure_rejection(rig, controller, frequency_hz=np.ones((2, 2)))",
+            "frequency_hz is array([[1., 1.], [1., 1.]])",
+        ),
+        (
+            "measure_rejection(rig, controller, frequency_hz=[5.0, float('nan')])",
+            "frequencies [5.0, nan] Hz; expected above 0",
+        ),
+        (
+            "calibrate_sensor((['a'] * 4, [1.0, 2.0, 3.0, 4.0]))",
+            "pairs is ['a', 'a', 'a', 'a']; it must be real numbers",
+        ),
     ],
 )
 def test_verb__argument_of_another_kind_or_out_of_bounds__says_what_is_allowed(known, call: str, words: str):
@@ -128,18 +144,19 @@ def test_example__of_each_name__runs_as_printed(name: str, known: dict[str, obje
 
 def results(known: dict[str, object]) -> list[Result]:
     controller, rig = known["controller"], known["rig"]
-    record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
+    record = tt.read_record("bench.csv", input="drive", output="encoder", time="t")
     identified = tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False)
     identified.write("model.json")
     return [
         record, identified, controller, controller.display and tt.read_display("display.toml"), tt.check(controller),
-        tt.read_curve("curve.csv"), tt.read_model("model.json"), tt.calibrate("pairs.csv"), tt.build(controller),
-        tt.measure_response(rig, controller, [30.0, 100.0]), tt.noise(rig, controller, duration_s=4.0),
+        tt.read_curve("curve.csv"), tt.read_model("model.json"),
+        tt.calibrate_sensor("pairs.csv"), tt.build_image(controller),
+        tt.measure_response(rig, controller, [30.0, 100.0]), tt.measure_noise(rig, controller, duration_s=4.0),
         tt.render("speech.wav", controller, "spoken.wav"), tt.play(rig, controller, "protocols/a.wav"),
         tt.thresholds("lab.db"), PaperResult(Path("out"), {"seed": 1}, (("what", "printed", "here", "rests on"),)),
-        wordlength(controller), tt.record("display.toml", duration_s=4.0, excitation="noise"),
-        tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]), tt.init(out="mine too.toml"),
-        tt.crosstalk(rig, controller, [30.0, 100.0]),
+        tt.word_length(controller), tt.record("display.toml", duration_s=4.0, excitation="noise"),
+        tt.measure_rejection(rig, controller, channel=["index"], frequency_hz=[5.0]), tt.init(out="mine too.toml"),
+        tt.measure_crosstalk(rig, controller, [30.0, 100.0]),
     ]  # fmt: skip
 
 
@@ -185,7 +202,7 @@ def test_measure_and_noise__fingers_of_an_open_rig__are_the_load_or_refused(know
     rig = tt.SimulatedRig(borne.display, seed=1)
     for channel in heavy:
         rig.finger(channel.name).touch("anvil")
-    for verb in (tt.measure_response, tt.noise):
+    for verb in (tt.measure_response, tt.measure_noise):
         with pytest.raises(BadInput, match=r"unstable \(load 'anvil'\); expected a controller"):
             verb(rig, borne)
 

@@ -91,7 +91,7 @@ def completed(shell: str, line: str) -> str:
 )
 def test_measure__out_that_cannot_be_written__is_refused_before_all_else(run, tmp_path, out, words) -> None:
     (controller := tmp_path / "controller.json").write_text("none")
-    status, _, err = run("measure", "--controller", str(controller), "--out", out)
+    status, _, err = run("measure", "response", "--controller", str(controller), "--out", out)
     assert status == 2
     assert words in err
 
@@ -101,7 +101,7 @@ def test_completion__of_a_verb_a_part_and_an_option__in_every_shell() -> None:
     assert "thresholds" in completed("fish", "tactuator experiment thr")
     assert "--figures" in completed("bash", "tactuator design --fig")
     script = (
-        'eval "$(_TACTUATOR_COMPLETE=source_bash tactuator)"; COMP_WORDS=(tactuator calibrate-); COMP_CWORD=1; '
+        'eval "$(_TACTUATOR_COMPLETE=source_bash tactuator)"; COMP_WORDS=(tactuator sound calibrate-); COMP_CWORD=2; '
         '_tactuator_completion tactuator; echo "${COMPREPLY[@]}"'
     )
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

@@ -83,24 +83,28 @@ def test_check_and_noise__identified_voice_coil_with_hum__agree_on_every_mains_l
 
 def test_loop_or_display__unstable_or_without_loads__is_not_played_or_answers(tmp_path, run) -> None:
     of = designed(tmp_path, run, MOTOR)
-    heard = json.loads(run("noise", *of, "--gains", "4,5000", "--duration-s", "3", "--json").out)
+    heard = json.loads(run("measure", "noise", *of, "--gains", "4,5000", "--duration-s", "3", "--json").out)
     assert [played["under"] for played in heard["runs"]] == ["gain 4", "loop"]
     assert "unstable" in heard["not_played"]["gain 5000"]
     wild = written(tmp_path / "wild.toml", MOTOR, plant="{ num = [90000.0], den = [1.0, 94.0, 290.0] }")
-    for verb in ("noise", "measure", "disturb", "finger"):
-        run.refused(verb, *of, "--display", wild, said="call the loop of index unstable")
-    for words in ("measure --frequency-hz 20", "noise --gains= --duration-s 3", "disturb --frequency-hz 5"):
+    for what in ("noise", "response", "disturbance", "load"):
+        run.refused("measure", what, *of, "--display", wild, said="call the loop of index unstable")
+    for words in (
+        "measure response --frequency-hz 20",
+        "measure noise --gains= --duration-s 3",
+        "measure disturbance --frequency-hz 5",
+    ):
         assert run(*words.split(), *of).status == 0
 
 
 def test_open_loop_lra__noise_and_measure__close_no_loop_and_call_no_load_met(tmp_path, run) -> None:
-    """`noise` used to close proportional loops around it, and `check` to call its hum and its finger met."""
+    """`measure noise` used to close proportional loops around it, and `check` to call its hum and its finger met."""
     of = designed(tmp_path, run, LRA, FINGER)
-    heard = run.json("noise", *of, "--duration-s", "3")
+    heard = run.json("measure", "noise", *of, "--duration-s", "3")
     assert [played["under"] for played in heard["runs"]] == ["loop"]
     assert set(heard["not_played"].values()) == {"the display is driven without a loop: there is nothing to close"}
     assert {objective["outcome"] for objective in heard["objectives"].values()} == {"not judged"}
-    measured = run.json("measure", *of, "--load", "finger", "--frequency-hz", "175")
+    measured = run.json("measure", "response", *of, "--load", "finger", "--frequency-hz", "175")
     assert measured["outcome"] == "not judged"
     (finding,) = (each for each in measured["objectives"]["i"]["findings"] if each["load"] == "finger")
     assert finding["remark"].startswith("for information only")
@@ -110,18 +114,18 @@ def test_open_loop_lra__noise_and_measure__close_no_loop_and_call_no_load_met(tm
     }  # fmt: skip
     assert "-6.67 dB at 177 Hz" in judged["objectives"]["iv"]["findings"][0]["remark"]
     of = designed(tmp_path, run, LRA, FINGER + "[objectives]\nflatness_db = 0.03\n")
-    measured = run.json("measure", *of, "--method", "multisine", "--frequency-hz", "75,110,175", status=1)
+    measured = run.json("measure", "response", *of, "--method", "multisine", "--frequency-hz", "75,110,175", status=1)
     assert measured["outcome"] == "not met"
 
 
 def test_noise__what_it_measured__is_what_check_then_judges_by(tmp_path, run) -> None:
-    """A display whose file says nothing of hum and noise: not judged; with what `noise` told of it put in: judged."""
+    """A display whose file says nothing of hum and noise is not judged; with what `measure noise` wrote it is."""
     silent = MOTOR | {"environment": "friction_v = 0.0"}
     of = designed(tmp_path, run, silent)
     before = run.json("check", of[1])
     assert before["objectives"]["ii"]["outcome"] == before["objectives"]["iii"]["outcome"] == "not judged"
     measured = tmp_path / "environment.json"
-    heard = run.json("noise", *of, "--gains", "", "--write", measured)
+    heard = run.json("measure", "noise", *of, "--gains", "", "--write", measured)
     sensor = heard["runs"][-1]["channels"][0]["sensor"]
     assert json.loads(measured.read_text())["channels"] == {"index": sensor}
     stated = 'measured = "environment.json"\nfriction_v = 0.0'

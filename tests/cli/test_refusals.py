@@ -34,14 +34,14 @@ REFUSALS = {
     "design wild.toml": "unstable",
     "design lines.toml --out record.h5": "record.h5 is read as display, or by it: choose another name",
     "design display.toml --curve record.h5 --out record.h5": "record.h5 is read as curve, or by it",
-    "wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
+    "firmware wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
     "build controller.json": "Missing option '--out'",
     "build controller.json --out none/i.bin": "none is not a folder",
-    "image .": "image .: Is a directory",
+    "firmware image .": "image .: Is a directory",
     "record display.toml --out r.h5 --excitation song": "excitation 'song'; expected mix, steps, noise",
     "identify record.h5 --rate-hz 100": "the rate given is 100 Hz, the file says 1000 Hz",
-    "measure --controller controller.json --level 90": "level (--level) of 90 dB SL; expected -60 to 55 dB SL",
-    "measure --controller controller.json --frequency-hz 301": "301 Hz; expected 0.4 to 300 Hz, the band",
+    "measure response --controller controller.json --level 90": "level (--level) of 90 dB SL; expected -60 to 55 dB SL",
+    "measure response --controller controller.json --frequency-hz 301": "301 Hz; expected 0.4 to 300 Hz, the band",
     "init --examples . --like lra": "--examples alone",
     "init --like lra": "display.toml is there already",
     "render speech.wav --out n.wav --controller controller.json --figures figures": "--figures without --felt",
@@ -183,7 +183,7 @@ def test_identify__record_of_the_simulated_display__prints_what_the_design_promi
 
 def test_measure__table__ascends_in_frequency_and_breaks_no_word(paper, run, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    ended = run("measure", *paper, "--frequency-hz", "5,30,251.2", "--level", "40", "--full")
+    ended = run("measure", "response", *paper, "--frequency-hz", "5,30,251.2", "--level", "40", "--full")
     assert ended.status == 1
     assert {"channel", "error", "load", "rest", "phase", "delay", "dist."} <= set(ended.out.split())
     shown = [line.split() for line in ended.out.splitlines() if line.split()[:1] == ["index"] and "felt" not in line]
@@ -194,11 +194,11 @@ def test_measure__table__ascends_in_frequency_and_breaks_no_word(paper, run, mon
 def test_measure__multisine_and_stepped__print_responses(paper, run, tmp_path) -> None:
     not_flat = 1  # the paper's own prefilter is 8 dB low at 300 Hz
     out = tmp_path / "resp.h5"
-    flat = run.json("measure", *paper, "--method", "multisine", "--out", out, status=not_flat)
+    flat = run.json("measure", "response", *paper, "--method", "multisine", "--out", out, status=not_flat)
     assert len(flat["responses"][0]["frequency_hz"]) == 33  # three of them where a sweep found too much between
     assert out.exists()
     asked = ("--frequency-hz", "5,120", "--load", "finger", "--level", "40", "--figures", tmp_path / "measured")
-    (answer,) = run.json("measure", *paper, *asked)["responses"]
+    (answer,) = run.json("measure", "response", *paper, *asked)["responses"]
     off = np.array(answer["sensation_level_db"]) - np.array(answer["expected_level_db_sl"])
     assert np.all(np.abs(off) < 0.25)  # the expected is that under the load, which takes a third of a decibel at 122 Hz
     assert answer["expected_level_db_sl"][1] < 39.8
@@ -216,20 +216,20 @@ def test_measure__multisine_and_stepped__print_responses(paper, run, tmp_path) -
 
 
 def test_noise_finger_and_disturb__of_the_papers_loop__tell_levels_and_loads(paper, run) -> None:
-    ended = run("noise", *paper, "--gains", "4,32", "--json")
+    ended = run("measure", "noise", *paper, "--gains", "4,32", "--json")
     answer = json.loads(ended.out)
     assert ended.status == (1 if answer["outcome"] == "not met" else 0)
     assert set(answer["objectives"]) == {"ii", "iii"}
     assert [played["under"] for played in answer["runs"]] == ["gain 4", "gain 32", "loop"]
     lines = [played["channels"][0]["worst_line_db_sl"] for played in answer["runs"]]
     assert lines[1] > lines[0]
-    asked = ("finger", *paper, "--duration-s", "27")
+    asked = ("measure", "load", *paper, "--duration-s", "27")
     (answer,) = run.json(*asked)["channels"]
     assert answer["described_by"] == "one"
     values = [answer[name] for name in ("mass", "damping", "stiffness")]
     np.testing.assert_allclose(values, [0.12, 31.0, 360.0], rtol=0.01)
     assert run.json(*asked, "--load", "none", status=1)["channels"][0]["described_by"] == "cannot tell"
-    rejection = run.json("disturb", *paper, "--frequency-hz", "1,10")["channels"][0]["rejection"]
+    rejection = run.json("measure", "disturbance", *paper, "--frequency-hz", "1,10")["channels"][0]["rejection"]
     np.testing.assert_allclose(rejection["measured_db"], rejection["expected_db"], atol=0.4)
 
 

@@ -1,4 +1,4 @@
-"""Display files, and what `noise --write` measured for one: read, written back, documented, refused in one line.
+"""Display files, and what `measure noise` wrote for one: read, written back, documented, refused in a line.
 
 A channel's plant in a file of its own; models, responses and controllers in files, there and back.
 """
@@ -19,7 +19,7 @@ from tactuator.io.environment import write_environment
 from tactuator.io.model import read_model, write_model
 from tactuator.io.response import read_responses, write_responses
 from tactuator.model.controller import AntiWindup, ChannelController, Controller, Limits
-from tactuator.model.description import TABLES, Channel, Display, Environment, Threshold, display_document, keys_of
+from tactuator.model.description import TABLES, Channel, Display, Environment, display_document, keys_of
 from tactuator.model.plant_model import PlantModel
 from tactuator.model.requirements import Wires
 from tactuator.parameters import allowed, default
@@ -433,8 +433,8 @@ def test_response__hdf5_or_csv__comes_back_or_has_a_row_for_each_point(tmp_path:
 
 
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
-CHANNEL = Channel("index", "index", 0.19898, 12.5, MOTOR, Threshold(curve("bolanowski-1988")))
-SHOWN = Display("one", 4000.0, 1, (CHANNEL,))
+CHANNEL = Channel("index", 0.19898, 12.5, MOTOR)
+SHOWN = Display(4000.0, (CHANNEL,), 1, "one")
 SECTION = np.array([[0.1, 0.2, 0.1, 1.0, -0.5, 0.3]])
 
 

@@ -53,10 +53,10 @@ def test_hdf5_and_matlab__our_own_variables_and_struct__come_back(tmp_path: Path
         ("t;u;y", (TIME, U, Y), ";", {}, ("", "")),
         ("time\tin\tout", (TIME, U, Y), "\t", {}, ("", "")),
         ("noise,torque_nm,angle_rad,clock_ms", (Y, U, Y, 1e3 * TIME), ",",
-         {"input_name": "torque_nm", "output_name": "angle_rad", "time_name": "clock_ms"}, ("nm", "")),
+         {"input": "torque_nm", "output": "angle_rad", "time": "clock_ms"}, ("nm", "")),
         (None, (U, Y), " ", {"rate_hz": RATE_HZ}, ("", "")),
         ("time_ms,u [V],pos [mm]", (1e3 * TIME, U, Y), ",", {}, ("V", "mm")),
-        ("T [\u00b5s],u (mV),x ( \u03bcm )", (1e6 * TIME, U, Y), ",", {"time_name": "T [\u00b5s]"}, ("mV", "um")),
+        ("T [\u00b5s],u (mV),x ( \u03bcm )", (1e6 * TIME, U, Y), ",", {"time": "T [\u00b5s]"}, ("mV", "um")),
         ("t;torque [Nm];x_\u00b5m", (TIME, U, Y), ";", {}, ("", "um")),
     ],
     ids=["long", "letters", "words", "of one's own", "none", "brackets", "parentheses", "newton metres"],
@@ -72,7 +72,7 @@ def test_csv__names_usual_told_or_none__are_found(tmp_path: Path, header, given,
 def test_csv__decimal_commas__are_numbers(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "r.csv", "t;u;y", TIME, U, Y, delimiter=";")
     path.write_bytes(path.read_text().replace(".", ",").replace("y", "Länge").encode("cp1252"))
-    np.testing.assert_allclose(read_record(path, output_name="Länge").position, Y, rtol=1e-8)
+    np.testing.assert_allclose(read_record(path, output="Länge").position, Y, rtol=1e-8)
 
 
 @pytest.mark.parametrize("stamps", [np.round(TIME, 4), [float(f"{time:.6g}") for time in 10.0 + TIME]])
@@ -145,9 +145,9 @@ def _nan(y: np.ndarray) -> np.ndarray:
         ("t,u,y", (TIME, U, _nan(Y)), {}, "row 42"),
         ("t,u,y", (TIME, U, Y), {"rate_hz": 3000.0}, "time stamps say 4000"),
         ("t,u,y", (TIME, U, Y), {"rate_hz": -1.0}, "positive"),
-        ("t,u,y", (TIME, U, Y), {"input_name": "force"}, "no input column 'force'; expected t, u, y"),
-        ("t,u,y", (TIME, U, Y), {"output_name": "u"}, "both 'u'"),
-        ("t,u,y", (TIME, U, Y), {"output_name": "t"}, "'t' is the position and the time; expected another"),
+        ("t,u,y", (TIME, U, Y), {"input": "force"}, "no input column 'force'; expected t, u, y"),
+        ("t,u,y", (TIME, U, Y), {"output": "u"}, "both 'u'"),
+        ("t,u,y", (TIME, U, Y), {"output": "t"}, "'t' is the position and the time; expected another"),
         ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, r"which column is which.*position \(output\) \(and time\), each"),
         ("u,y", (U, Y), {}, "no rate"),
         ("t,u,y", (TIME[::-1], U, Y), {}, "ascend"),

@@ -48,7 +48,7 @@ def leaking(share=0.1, made=MADE, signal="displacement_mm"):
 
 
 def measured(rig, hertz=HERTZ, level_db_sl=30.0, made=MADE, **asked):
-    return tt.crosstalk(rig, made, hertz, level_db_sl, **asked)
+    return tt.measure_crosstalk(rig, made, hertz, level_db_sl, **asked)
 
 
 def leaked_db_sl(share, hertz, level_db_sl):
@@ -125,7 +125,7 @@ def test_measure_crosstalk__of_the_command_line__has_a_row_for_each_frequency(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_controller(tmp_path / "c.json", MADE)
-    asked = ["crosstalk", "--controller", str(tmp_path / "c.json"), "--frequency-hz", "10,100"]
+    asked = ["measure", "crosstalk", "--controller", str(tmp_path / "c.json"), "--frequency-hz", "10,100"]
     assert main([*asked, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     names = ("index", "thumb", "middle")

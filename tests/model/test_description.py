@@ -5,10 +5,13 @@ The checks of numbers that can hardly be: each by its bounds.
 The slips of whole files, and the right files beside them, are in `tests/api/test_slips.py`.
 """
 
+import re
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
+from scipy import signal
 
 from tactuator.errors import BadInput
 from tactuator.model.description import Channel, Converter, Display, Environment, Threshold
@@ -24,7 +27,7 @@ from tests.measure.loops import display
 MOTOR = ContinuousSystem.from_polynomials([2875.0], [1.0, 94.0, 290.0])
 FINGER = Load("finger", 0.12, 31.0, 360.0)
 THRESHOLD = Threshold(curve("bolanowski-1988"))
-INDEX = Channel("index", "index", 0.19898, 12.5, MOTOR, THRESHOLD, loads=(FINGER,))
+INDEX = Channel("index", 0.19898, 12.5, MOTOR, threshold=THRESHOLD, loads=(FINGER,))
 
 
 def test_load__second_order_motor__is_added_to_the_denominator() -> None:
@@ -74,11 +77,11 @@ def test_channel__threshold_and_converter__by_hand() -> None:
         (lambda: INDEX.load("toe"), "load 'toe' is not described; expected finger"),
         (lambda: Load("finger", 0.0, -1.0, 0.0), "damping is -1"),
         (lambda: Threshold(curve("morioka-griffin-2006"), (0.4, 300.0)), "8 to 315 Hz; expected one that covers"),
-        (lambda: Display("slow", 1000.0, 1, (INDEX,)), "1000 for a band up to 300 Hz; it must be 1200 or more"),
-        (lambda: Display("odd", 4000.0, 1, ()), "no channel"),
-        (lambda: Display("odd", 4000.0, 1, (INDEX, INDEX)), "same name"),
-        (lambda: Display("odd", 4000.0, 9, (INDEX,)), "0 to 8"),
-        (lambda: Display("one", 4000.0, 1, (INDEX,)).channel("ring"), "'ring' is not described; expected index"),
+        (lambda: Display(1000.0, (INDEX,), 1, "slow"), "1000 for a band up to 300 Hz; it must be 1200 or more"),
+        (lambda: Display(4000.0, (), 1, "odd"), "no channel"),
+        (lambda: Display(4000.0, (INDEX, INDEX), 1, "odd"), "same name"),
+        (lambda: Display(4000.0, (INDEX,), 9, "odd"), "0 to 8"),
+        (lambda: Display(4000.0, (INDEX,), 1, "one").channel("ring"), "'ring' is not described; expected index"),
         (lambda: FeedbackRequirements(mains_hz=(60.0,)), "1 mains_hz and 0 mains_max_db"),
         (lambda: FeedbackRequirements(rejection_band_hz=(10.0, 1.0)), "rejection_band_hz"),
         (lambda: PrefilterRequirements(1), "poles is 1; it must be a whole number, 2 to 16"),
@@ -97,7 +100,7 @@ def test_mains__nothing_asked__is_the_lowest_line_of_hum_that_is_stated() -> Non
         (Environment(assumed=("hum",)), 77.0),
         (Environment(hum_hz=(), hum_v_peak=()), 77.0),
     ):
-        display = Display("one", 4000.0, 1, (replace(INDEX, environment=environment),))
+        display = Display(4000.0, (replace(INDEX, environment=environment),), 1, "one")
         assert display.mains_hz(None, 77.0) == expected
         assert display.mains_hz(0.0, 77.0) == 0.0
 
@@ -138,3 +141,44 @@ def test_doubtful__display_with_what_cannot_be__is_not_met_and_else_not_judged()
     assert list(doubtful(altered())) == []
     assert Outcome.NOT_MET in {finding.outcome for finding in doubtful(altered(travel_mm=0.0125))}
     assert {finding.outcome for finding in doubtful(altered(friction_v=4.0))} == {Outcome.NOT_JUDGED}
+
+
+def by_hand(plant: object) -> Channel:
+    return Channel("index", sensor_gain_v_per_mm=0.2, travel_mm=12.5, plant=plant)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        ([2875.0], [1.0, 94.0, 290.0]),
+        {"num": [2875.0], "den": [1.0, 94.0, 290.0]},
+        control.tf([2875.0], [1.0, 94.0, 290.0]),
+        control.ss(control.tf([2875.0], [1.0, 94.0, 290.0])),
+        signal.TransferFunction([2875.0], [1.0, 94.0, 290.0]),
+    ],
+    ids=["pair", "table", "tf", "ss", "lti"],
+)
+def test_channel__made_by_hand__has_the_plant_and_a_file_s_defaults(plant: object) -> None:
+    made, hertz = by_hand(plant), np.array([1.0, 30.0, 300.0])
+    np.testing.assert_allclose(made.plant.response(hertz), MOTOR.response(hertz), rtol=1e-9)
+    assert (made.finger, made.threshold, Display(4000.0, (made,)).name) == ("index", THRESHOLD, "display")
+
+
+@pytest.mark.parametrize(
+    ("plant", "words"),
+    [
+        (control.tf([1.0], [1.0, 0.5], 1e-3), "a system sampled at 1000 Hz; it must be a continuous one"),
+        (
+            control.ss(-np.eye(2), np.eye(2), np.eye(2), 0),
+            "2 inputs and 2 outputs; it must be one of each",
+        ),
+        (signal.dlti([1.0], [1.0, 0.5]), "sampling period is True"),
+        (signal.TransferFunction([2875.0], [1.0, 94.0, 290.0]).to_ss(), "a state space without exact zeros"),
+        ("tf", "'tf'; it must be `{ num, den }`"),
+        (object(), "a object; it must be a linear system of python-control or scipy.signal"),
+    ],
+    ids=["sampled", "two by two", "no period", "rounded zeros", "text", "object"],
+)
+def test_channel__plant_that_is_none__is_refused_by_its_name(plant: object, words: str) -> None:
+    with pytest.raises(BadInput, match=f"plant.*{re.escape(words)}"):
+        by_hand(plant)

@@ -55,7 +55,10 @@ def test_measure__own_rig_that_fails__one_line_and_the_status(rig, status, words
     install(RIGS, "own", FAILS, "opened")
     path = tmp_path / "controller.json"
     write_controller(path, designed())
-    assert main(["measure", "--controller", str(path), "--rig", rig, "--out", str(tmp_path / "out.h5")]) == status
+    assert (
+        main(["measure", "response", "--controller", str(path), "--rig", rig, "--out", str(tmp_path / "out.h5")])
+        == status
+    )
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
     assert re.search(re.escape(words), line)
     assert not (tmp_path / "out.h5").exists()

@@ -49,7 +49,7 @@ def channel(name: str = "index", **changes: object) -> Channel:
 def display(*channels: Channel, rate_hz: float = RATE_HZ, delay_samples: int = 1) -> Display:
     """A display of these channels; of all three fingers when none is given."""
     every = channels or tuple(channel(finger[0]) for finger in FINGERS)
-    return Display("test", rate_hz, delay_samples, every)
+    return Display(rate_hz, every, delay_samples, "test")
 
 
 def feedback_sections(rate_hz: float = RATE_HZ) -> NDArray[np.float64]:

@@ -43,18 +43,18 @@ def channel(name: str = "index", **changes: Any) -> Channel:
 
 def three_fingers(**changes: Any) -> Display:
     """The display of the paper with its siblings, loaded and unloaded."""
-    made = Display("three fingers", 4000.0, 1, tuple(channel(name) for name, *_ in FINGERS))
+    made = Display(4000.0, tuple(channel(name) for name, *_ in FINGERS), 1, "three fingers")
     return replace(made, **changes)
 
 
 def paper_alone(**changes: Any) -> Display:
     """The paper's plant alone, with the limits that the paper's C keeps."""
-    return Display("paper", 4000.0, 1, (channel(loads=(), feedback=PAPER_LIMITS, **changes),))
+    return Display(4000.0, (channel(loads=(), feedback=PAPER_LIMITS, **changes),), 1, "paper")
 
 
 def of(plant: ContinuousSystem, poles: int = 8, rate_hz: float = 4000.0, **changes: Any) -> Display:
     made = channel(plant=plant, loads=(), prefilter=PrefilterRequirements(poles), **changes)
-    return Display("other", rate_hz, 1, (made,))
+    return Display(rate_hz, (made,), 1, "other")
 
 
 def with_structure(display: Display, structure: str) -> Display:

@@ -8,17 +8,18 @@ import control
 import numpy as np
 import pytest
 
+from tactuator.api.designed import ControllerResult
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, Controller
 from tactuator.model.description import Converter, Recorded
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import discretise
+from tactuator.signals.exchange import from_control, to_control
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design as module
 from tactuator.synthesis import paper
 from tactuator.synthesis.design import design_controller, first_alike, headroom
-from tactuator.synthesis.exchange import from_control, to_control
 from tactuator.synthesis.felt import dahl_harmonic
 from tactuator.synthesis.sections import anti_windup, feedback_sections
 from tests.synthesis import displays
@@ -254,3 +255,14 @@ def test_to_control__package_missing__says_how(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(BadInput, match="pip install control"):
         to_control(paper.PLANT)
+
+
+def test_controller__margins_of_a_loop__are_python_control_s() -> None:
+    controller = ControllerResult.of(design_controller(three_fingers(), 4))
+    loop = controller.loop("index", "finger")
+    hertz = np.geomspace(0.1, 1900.0, 20_000)
+    data = control.frd(loop.open_response(hertz), 2.0 * np.pi * hertz, smooth=True)
+    _, phase, *_, crossover, _ = control.stability_margins(data)
+    mine = controller.margins("index", "finger")
+    assert mine.phase_margin_deg == pytest.approx(phase, rel=1e-4)
+    assert mine.crossover_hz == pytest.approx(crossover / (2.0 * np.pi), rel=1e-4)

@@ -103,7 +103,7 @@ def test_synthesise__identified_family__held_too() -> None:
         for gain, damping in ((0.95, 1.05), (1.05, 0.95))
     )
     one = channel(family=family)
-    display = Display("uncertain", RATE_HZ, 1, (one,))
+    display = Display(RATE_HZ, (one,), 1, "uncertain")
     own = design_controller(display, 4).channels[0]
     assert len(own.designed_for) == 6
     assert kept(own, one)
@@ -144,7 +144,7 @@ def test_synthesise__other_rates__limits_kept(rate_hz: float) -> None:
 def test_synthesise__contradictory_requirements__each_its_own_sentence(limits: dict[str, object], words: str) -> None:
     one = channel(feedback=replace(three_fingers().channels[0].feedback, **limits))
     with pytest.raises(BadInput, match=words):
-        design_controller(Display("contradiction", RATE_HZ, 1, (one,)), 4)
+        design_controller(Display(RATE_HZ, (one,), 1, "contradiction"), 4)
 
 
 def test_loop_problem__slopes__are_those_of_finite_differences() -> None:

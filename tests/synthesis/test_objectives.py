@@ -137,7 +137,7 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
         loads=(Load("finger", 0.12, 31.0, 360000.0),),
         feedback=FeedbackRequirements(structure="none"),
     )
-    display = Display("LRA", 8000.0, 1, (lra,))
+    display = Display(8000.0, (lra,), 1, "LRA")
     verdict = judge(design_controller(display, 8))
     assert outcomes(verdict)["ii"] == "not judged"
     assert outcomes(verdict)["iv"] == "not met"

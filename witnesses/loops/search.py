@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 from scipy import optimize, signal
 
-from tactuator.model.description import Channel, Threshold
+from tactuator.model.description import Channel
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.perception.curve import curve
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.limits import Task
@@ -212,7 +211,7 @@ def delivered(plant: Plant) -> tuple[SampledSystem | None, float]:
     """Return the product's loop, if it finds one, and its seconds."""
     system = ContinuousSystem.from_polynomials(plant.num, plant.den, plant.late / RATE_HZ)
     asked = FeedbackRequirements()
-    channel = Channel("one", "index", 0.2, 12.5, system, Threshold(curve("bolanowski-1988")), feedback=asked)
+    channel = Channel("one", 0.2, 12.5, system, feedback=asked)
     task = Task.of(plant_family(channel, RATE_HZ, DELAY), asked, RATE_HZ, RESONANCE)
     start = time.process_time()
     _, found = next(synthesise(task), (0.0, None))

@@ -1,4 +1,4 @@
-"""What `tactuator finger` says of 100 fingers drawn anew: its 95 % intervals hold their figures.
+"""What `tactuator measure load` says of 100 fingers drawn anew: its 95 % intervals hold their figures.
 
 The function behind the verb plays 60 s on a rig made of generator.c, which shares nothing with core's simulated
 display. Of n intervals at least as many must hold as chance leaves in 999 of 1000 cases where 95 % do. Seen to fail

@@ -165,17 +165,17 @@ class WordlengthResult(Result):
         ]
 
 
-def wordlength(
+def word_length(
     controller: ControllerFile,
     rate: Annotated[float | None, Option("Another sampling rate, hertz.")] = None,
     figures: Figures = None,
 ) -> WordlengthResult:
-    """Count the bits that a controller's coefficients need. Exit status 1 if float32 is not safe for it.
+    """Count the bits that the coefficients need. Exit status 1 if float32 is not safe for it.
 
     The bits are counted at one, two, four and eight times the rate. Raises BadInput for a rate at which the controller
     cannot be.
 
-    >>> wordlength(controller).float32.safe
+    >>> tt.word_length(controller).float32.safe
     True
     """
     judged = read(controller)
@@ -249,7 +249,7 @@ def _image(content: bytes, path: Place | None, **more: Any) -> ImageResult:
     )  # fmt: skip
 
 
-def build(
+def build_image(
     controller: ControllerFile,
     out: Annotated[Place | None, Option("Image file to write.", writes=True, shell=...)] = None,
 ) -> ImageResult:
@@ -257,7 +257,7 @@ def build(
 
     Raises BadInput for such a controller.
 
-    >>> tt.build(controller).channels
+    >>> tt.build_image(controller).channels
     3
     """
     loaded = read(controller)
@@ -269,7 +269,7 @@ def build(
     return _image(content, out, response_error_db=float(report.response_error_db or 0.0))
 
 
-def image(
+def read_image(
     file: Annotated[Place, Argument("Image file that `build` wrote.", file=True)],
     controller: Annotated[
         Controller | Place | None, Option("Controller file: is the image its, and for its display?", file=True)
@@ -280,8 +280,8 @@ def image(
 
     Raises BadInput for what is no image, and with a controller for an image that its display could not run.
 
-    >>> tt.build(controller).write("image.bin")
-    >>> tt.image("image.bin", controller).is_of_controller
+    >>> tt.build_image(controller).write("image.bin")
+    >>> tt.read_image("image.bin", controller).is_of_controller
     True
     """
     require_kind(Path(file), "image")

@@ -1,4 +1,4 @@
-"""The result of `crosstalk`."""
+"""The result of `measure crosstalk`."""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass

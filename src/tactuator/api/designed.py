@@ -6,13 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactuator import report
 from tactuator.api.parameters import Place
 from tactuator.arrays import ComplexArray
+from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
@@ -22,7 +24,10 @@ from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.printed import design_rows, printed_factors
 from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, ResultTable, found, in_a_line
 from tactuator.signals.decibels import db
-from tactuator.synthesis.exchange import continuous_form
+from tactuator.signals.discretise import discretise
+from tactuator.signals.exchange import continuous_form
+from tactuator.signals.loop import FeedbackLoop
+from tactuator.signals.loop_figures import Margins, margins
 from tactuator.synthesis.objectives import whole_verdict
 
 
@@ -110,6 +115,31 @@ class ControllerResult(Result, Controller):
     def response(self, channel: str, frequency_hz: ArrayLike, load: str | None = None) -> ComplexArray:
         """Return the volts of y per threshold unit that the model expects of a channel, (m,); load: None for free."""
         return expected_response(self, channel, load, np.asarray(frequency_hz, dtype=np.float64))
+
+    def loop(self, channel: str, load: str | None = None) -> FeedbackLoop:
+        """Return the sampled feedback loop of a channel, free or under a load; computing delay and hold included.
+
+        Raises BadInput for a channel without a loop.
+        """
+        described = self.display.channel(channel)
+        feedback = self.channel(channel).feedback(self.rate_hz)
+        if feedback is None:
+            raise BadInput(f"channel {channel!r} has no loop", "one that has")
+        plant = described.loaded_plant(None if load is None else described.load(load))
+        return FeedbackLoop(feedback, discretise(plant, self.rate_hz, "zoh", self.display.delay_samples))
+
+    def margins(self, channel: str, load: str | None = None) -> Margins:
+        """Return crossover, margins and peaks of a channel's loop. Raises BadInput for a channel without a loop."""
+        return margins(self.loop(channel, load))
+
+    def bode(self, channel: str) -> Any:
+        """Return a matplotlib figure of magnitude and phase of a channel's P, C, C P and F."""
+        return report.design_figures.drawn(self, channel, "bode")
+
+    def nichols(self, channel: str) -> Any:
+        """Return a matplotlib figure: a channel's open loop on the Nichols chart. Raises BadInput without a loop."""
+        self.loop(channel)
+        return report.design_figures.drawn(self, channel, "nichols")
 
     def write(self, path: Place) -> None:
         """Write the controller file, whole or not at all."""

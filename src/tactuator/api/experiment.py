@@ -282,6 +282,9 @@ def observe(
 ) -> ObservedResult:
     """Run simulated subjects through a study. It is of detection or of strength; they feel what the loop of the
     simulated display makes of it. With --lsl they wait for a recorder.
+
+    >>> tt.observe("small.toml", "observed.db", seed=1).store
+    'observed.db'
     """
     study, text = read_protocol(Path(protocol), StudyProtocol)
     with within(f"protocol {protocol}"):
@@ -606,6 +609,9 @@ def simulate(
     --effect-db and --spread-db it says how many subjects a study takes, and its power.
 
     Raises BadInput for an effect without a spread, and where no number of subjects finds it.
+
+    >>> tt.simulate("quest-plus", runs=20, seed=1).runs
+    20
     """
     if procedure not in plugins(GROUP):
         raise unknown("procedure", procedure, plugins(GROUP))

@@ -49,7 +49,7 @@ EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
 
 
-def calibrate(
+def calibrate_sensor(
     pairs: Annotated[
         Place | tuple[Numbers, Numbers],
         Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True, type=Path),
@@ -63,7 +63,7 @@ def calibrate(
     pairs: their file, or displacement (mm) and voltage, (n,) each. Raises BadInput for pairs that make no line, and
     with `strict` where a pair is off it.
 
-    >>> tt.calibrate("pairs.csv")
+    >>> tt.calibrate_sensor("pairs.csv")
     <Calibration gain: 0.1992 ± 0.00024 V/mm, offset: 0.03181 ± 0.0014 V, refused: p10>
     """
     if isinstance(pairs, tuple):
@@ -246,13 +246,12 @@ def identify(
         Record | FrequencyResponse | Place | Sequence[Record | Place],
         Argument("Record, or several of one mechanism: HDF5, CSV, MATLAB or WAV.", file=True, type=list[Path]),
     ],
-    input_name: Annotated[str | None, Option("Column or variable of the command.", ("--input",))] = None,
-    output_name: Annotated[str | None, Option("Column or variable of the position.", ("--output",))] = None,
-    reference_name: Annotated[
-        str | None,
-        Option("Column or variable of what a loop was asked for: it keeps the loop's noise out.", ("--reference",)),
+    input: Annotated[str | None, Option("Column or variable of the command.")] = None,
+    output: Annotated[str | None, Option("Column or variable of the position.")] = None,
+    reference: Annotated[
+        str | None, Option("Column or variable of what a loop was asked for: it keeps the loop's noise out.")
     ] = None,
-    time_name: Annotated[str | None, Option("Column or variable of the time stamps.", ("--time",))] = None,
+    time: Annotated[str | None, Option("Column or variable of the time stamps.")] = None,
     rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
     frequency: Annotated[str | None, Option("Of a response: column of the frequency.")] = None,
     magnitude: Annotated[str | None, Option("Of a response: column of the magnitude, linear or in dB.")] = None,
@@ -293,14 +292,14 @@ def identify(
     records: one, or several of one mechanism, or their files; or a frequency response or its file. A column is named
     as NAME, or with its unit as NAME=UNIT. Raises BadInput for a record that says nothing.
 
-    >>> record = tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t")
+    >>> record = tt.read_record("bench.csv", input="drive", output="encoder", time="t")
     >>> tt.identify(record, order=2, zeros=0, hold="zero-order", friction=False).order
     2
     """
     fixed = tuple(map(Fixed.parse, fix))
     asked = IdentifyOptions(order, zeros, integrators, hold, quantity, friction, fixed, closed_loop, method, forgetting)  # type: ignore[arg-type]
-    names: dict[str, Any] = {"input_name": input_name, "output_name": output_name, "reference_name": reference_name}
-    names |= {"time_name": time_name, "rate_hz": rate_hz}
+    names: dict[str, Any] = {"input": input, "output": output, "reference": reference, "time": time}
+    names["rate_hz"] = rate_hz
     columns = ResponseColumns(frequency, magnitude, phase, real, imaginary, tuple(ignore))
     source, *more = paths(records)
     first = source if isinstance(source, Record | FrequencyResponse) else read_measured(Path(source), columns, **names)

@@ -36,7 +36,7 @@ from tactuator.errors import unknown
 from tactuator.io.environment import write_environment
 from tactuator.io.response import check_response_path, write_responses
 from tactuator.measure.adaptive import Learnt, settle_weights
-from tactuator.measure.crosstalk import Crosstalk, measure_crosstalk
+from tactuator.measure.crosstalk import Crosstalk, felt_elsewhere
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
 from tactuator.measure.error import ResponseLevels, as_read, response_verdict, with_tones
 from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate, measure_finger
@@ -154,7 +154,7 @@ def _felt_row(felt: FeltNoise) -> tuple[str, ...]:
     return felt.channel, *(f"{level:.1f}" if isfinite(level) else "none" for level in worst), resonance
 
 
-def noise(
+def measure_noise(
     rig: RigOption,
     controller: ControllerOption = None,
     duration_s: Annotated[float, Option("Seconds listened to each.")] = LISTENED_S,
@@ -179,7 +179,7 @@ def noise(
     The display is held at rest. A rig that is open already is used as it stands. Raises BadInput for a loop that the
     display's own models call unstable.
 
-    >>> [felt.channel for felt in tt.noise(rig, controller, duration_s=4.0).channels]
+    >>> [felt.channel for felt in tt.measure_noise(rig, controller, duration_s=4.0).channels]
     ['index', 'thumb', 'middle']
     """
     loop = chosen_controller(display, controller)
@@ -383,7 +383,7 @@ def measure_response(
     figures: Figures = None,
     seed: Seed = 0,
 ) -> MeasuredResponses:
-    """Measure the response at a level, with confidence. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
+    """Measure the response at a level. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
     it is not flat, or the confidence was not reached.
 
     A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the
@@ -419,7 +419,7 @@ def measure_response(
     return measured
 
 
-def crosstalk(
+def measure_crosstalk(
     rig: RigOption,
     controller: ControllerOption = None,
     frequency_hz: Frequencies = None,
@@ -433,12 +433,12 @@ def crosstalk(
     longest_s: Longest = MeasurementOptions.longest_s,
     seed: Seed = 0,
 ) -> CrosstalkResult:
-    """Measure what the other fingers feel of one channel. Channels are driven one after the other; exit status 1 if a
+    """Measure what other fingers feel. Channels are driven one after the other; exit status 1 if a
     finger may feel another channel.
 
     channel: to be driven. The other parameters are those of `measure_response`.
 
-    >>> tt.crosstalk(rig, controller, [30.0], channel=["index"], longest_s=2.0).columns()["channel"]
+    >>> tt.measure_crosstalk(rig, controller, [30.0], channel=["index"], longest_s=2.0).columns()["channel"]
     ['thumb', 'middle']
     """
     loop = chosen_controller(display, controller)
@@ -447,7 +447,7 @@ def crosstalk(
     with _prepared(rig, loop, asked, mains_hz, frequency_hz, None, seed) as (ready, options, wanted, _):
         for name in options.channels or ready.channels:
             with working(f"driving {name}") as step:
-                rows += measure_crosstalk(ready, name, wanted, options, progress=step)
+                rows += felt_elsewhere(ready, name, wanted, options, progress=step)
     return CrosstalkResult(level_db_sl, tuple(rows))
 
 
@@ -541,7 +541,7 @@ class DisturbanceResult(Result):
         return [text_table(self.table()), disturbances]
 
 
-def disturb(
+def measure_rejection(
     rig: RigOption,
     controller: ControllerOption = None,
     *,
@@ -553,12 +553,12 @@ def disturb(
     excursion_mm: Annotated[float, Option("What each force would move without the loop.")] = EXCURSION_MM,
     seed: Seed = 0,
 ) -> DisturbanceResult:
-    """Test how the loop rejects presses and tremor. They act at the finger port; the rejection over frequency is listed
+    """Test how presses and tremor are rejected. They act at the finger port; the rejection over frequency is listed
     beside |S|.
 
     Raises BadInput for a rig without a finger port, and for a loop that the display's own models call unstable.
 
-    >>> tt.disturb(rig, controller, channel=["index"], frequency_hz=[5.0]).columns()["channel"]
+    >>> tt.measure_rejection(rig, controller, channel=["index"], frequency_hz=[5.0]).columns()["channel"]
     ['index']
     """
     loop = chosen_controller(display, controller)
@@ -633,7 +633,7 @@ def _said(estimate: FingerEstimate) -> str:
     }[estimate.described_by]
 
 
-def finger(
+def estimate_load(
     rig: RigOption,
     controller: ControllerOption = None,
     *,
@@ -651,7 +651,7 @@ def finger(
 
     Raises BadInput for a load that the display does not have.
 
-    >>> tt.finger(tt.SimulatedRig(controller.display, seed=1), controller, duration_s=28.0).columns()["channel"]
+    >>> tt.estimate_load(tt.SimulatedRig(controller.display, seed=1), controller, duration_s=28.0).columns()["channel"]
     ['index', 'thumb', 'middle']
     """
     loop = chosen_controller(display, controller)

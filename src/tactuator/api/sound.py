@@ -232,7 +232,7 @@ def calibrate_display(
     curve: Curve = None,
     seed: Seed = 0,
 ) -> EqualisedResult:
-    """Calibrate a display without loop on a sound card. Level, model, usable band and equaliser are found, and what is
+    """Calibrate a display without loop. Level, model, usable band and equaliser are found, and what is
     felt is verified; exit status 1 where that is not flat within the tolerance.
 
     Raises BadInput for another rig, and NoDesign where there is no equaliser; what was measured is kept in `out`.

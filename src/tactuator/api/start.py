@@ -120,9 +120,9 @@ def read_display(path: Place) -> Display:
 
 
 def read_record(path: Place, **columns: Any) -> Record:
-    """Read a record: HDF5, CSV, MATLAB or WAV. columns: input_name, output_name, time_name, rate_hz, where needed.
+    """Read a record: HDF5, CSV, MATLAB or WAV. columns: input, output, time, rate_hz, where needed.
 
-    >>> tt.read_record("bench.csv", input_name="drive", output_name="encoder", time_name="t").duration_s
+    >>> tt.read_record("bench.csv", input="drive", output="encoder", time="t").duration_s
     8.0
     """
     return record_file.read_record(Path(path), **columns)
@@ -231,6 +231,9 @@ def curves(
     """List the threshold curves of the library, and your own. Each with where it was felt.
 
     A curve holds for the contact that it was measured at.
+
+    >>> [curve.name for curve in tt.curves().curves]
+    ['bolanowski-1988', 'morioka-griffin-2006']
     """
     read = [csv_tables.read_curve(Path(file)) for file in files or ()]
     result = CurvesResult(

@@ -46,7 +46,7 @@ def look(
     read = measured_columns(path)
     columns: Answer = {"name": path.name, "columns": list(read.values), "said": None}
     try:
-        measured = measured_of(path, read, input_name=input, output_name=output, time_name=time, rate_hz=rate_hz)
+        measured = measured_of(path, read, input=input, output=output, time=time, rate_hz=rate_hz)
     except BadInput as error:
         return columns | {"said": state.uploads.plain(str(error))}
     if isinstance(measured, FrequencyResponse):
@@ -77,10 +77,10 @@ def model(
     of model.json, and the command that does the same.
     """
     path, unseen = state.uploads.path(record), [state.uploads.path(key) for key in validate_on]
-    names: dict[str, Any] = {"input_name": input, "output_name": output, "time_name": time, "rate_hz": rate_hz}
+    names: dict[str, Any] = {"input": input, "output": output, "time": time, "rate_hz": rate_hz}
     measured = measured_of(path, measured_columns(path), **names)
     options: dict[str, Any] = {"rate_hz": rate_hz, "order": order, "zeros": zeros, "hold": hold}
-    fit = identify(measured, input, output, time_name=time, validate=unseen, **options)
+    fit = identify(measured, input, output, time=time, validate=unseen, **options)
     table, trust = fit.tables()
     command = command_line(
         "identify",

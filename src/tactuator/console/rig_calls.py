@@ -26,7 +26,7 @@ _ERRORS = ("error_db", "error_jnd", "model_db", "unpredicted_db")
 
 @dataclass(frozen=True)
 class MeasureSettings(MeasurementOptions, PageSetting):
-    """Settings of a measurement of the response, as `measure` has them; no frequencies (Hz): those of the command."""
+    """Settings of a measurement, as `measure response` has them; no frequencies: those of the command."""
 
     frequency_hz: Annotated[tuple[Hertz, ...], Field(max_length=200)] = ()
 

@@ -35,7 +35,7 @@ AHEAD = 2
 """Frames that a page may have had and not drawn; what would come then is left out, and counted."""
 LEVELS_HZ = 8.0
 _OPTIONS = ("level_db_sl", "load", "confidence_db", "longest_s", "mains_hz")
-"""Options of `measure` that a page sets."""
+"""Options of `measure response` that a page sets."""
 _RECORD_COLUMNS = "time_s,reference,command_v,position_v"
 
 
@@ -248,7 +248,7 @@ def measure(page: RigConnection, settings: MeasureSettings) -> Answer:
     usual["mains_hz"] = controller.display.mains_hz(None, MeasurementOptions.mains_hz)
     options = {**{name: getattr(settings, name) for name in _OPTIONS}, "rig": rig.spec, "seed": rig.seed}
     command = command_line(
-        "measure",
+        "measure response",
         controller="controller.json",
         channel=[] if set(channels) == set(session.channels) else channels,
         frequency_hz=",".join(f"{hertz:g}" for hertz in settings.frequency_hz) or None,

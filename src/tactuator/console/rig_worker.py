@@ -309,7 +309,7 @@ class RigWorker:
         self._end_as("idle")
 
     def measure(self, controller: Controller, settings: MeasureSettings) -> None:
-        """Measure the response, as `measure` does, at the rig opened anew; tell it point by point."""
+        """Measure the response, as `measure response` does, at the rig opened anew; tell it point by point."""
         self.reopen()
         assert self._opened is not None
         self._say(mode="measuring", fault="")

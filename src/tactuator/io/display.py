@@ -34,7 +34,7 @@ from tactuator.model.requirements import (
     Touch,
     Wires,
 )
-from tactuator.parameters import from_table, in_file, parameters, require_known
+from tactuator.parameters import from_table, parameters, require_known
 from tactuator.perception.curve import Contact, ThresholdCurve
 
 Document = Mapping[str, Any]
@@ -78,7 +78,7 @@ def parse_display(document: Document, beside: Path = Path()) -> Display:
         "channels": tuple(_channel(tables, entry, "sound" in document, beside) for entry in channels),
         "sound": _sound_card(tables["sound"], channels) if "sound" in document else None,
     }
-    return from_table(Display, in_file(Display) | dict(tables["display"]) | parts, "[display]")
+    return from_table(Display, dict(tables["display"]) | parts, "[display]")
 
 
 def _table(document: Document, name: str) -> Document:
@@ -153,8 +153,7 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
 
 def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
     """Return the keys of a channel with those of its plant, which the channel's own override."""
-    usual = {"finger": mine["name"]} if "name" in mine and mine.get("finger", "") == "" else {}
-    keys = {**in_file(Channel), **plant.keys, **mine, **usual}
+    keys = {**plant.keys, **mine}
     if "model_error_db" in mine and "model_error_hz" not in mine:
         keys.pop("model_error_hz", None)
     if isinstance(mine.get("family"), list | tuple):
@@ -211,10 +210,10 @@ def _merged(table: Document, entry: Document, name: str, where: str) -> tuple[di
 
 
 def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
-    curve = (in_file(Threshold) | keys)["curve"]
-    with within(where, "curve"):
-        resolved = resolve_curve(curve, beside) if isinstance(curve, str) else curve
-    return from_table(Threshold, keys | {"curve": resolved}, where)
+    if isinstance(keys.get("curve"), str):
+        with within(where, "curve"):
+            keys["curve"] = resolve_curve(keys["curve"], beside)
+    return from_table(Threshold, keys, where)
 
 
 def _strength(keys: dict[str, Any], where: str, beside: Path) -> Strength:

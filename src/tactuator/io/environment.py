@@ -1,4 +1,4 @@
-"""Environments of a display's channels: the file that `noise --write` writes, and the table [environment]."""
+"""Environments of a display's channels: the file that `measure noise --write` writes, and the table [environment]."""
 
 from __future__ import annotations
 

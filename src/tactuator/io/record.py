@@ -148,10 +148,10 @@ STEP_NAMES = ("ts", "dt", "sample_time", "sampletime")
 def read_record(
     path: str | Path,
     *,
-    input_name: str | None = None,
-    output_name: str | None = None,
-    reference_name: str | None = None,
-    time_name: str | None = None,
+    input: str | None = None,
+    output: str | None = None,
+    reference: str | None = None,
+    time: str | None = None,
     rate_hz: float | None = None,
 ) -> Record:
     """Read a record of any format that `read_columns` knows; names of columns or variables choose what is what.
@@ -163,7 +163,7 @@ def read_record(
     path = Path(path)
     columns = measured_columns(path)
     with within(f"record {path}"):
-        return _assemble(path, columns, input_name, output_name, reference_name, time_name, rate_hz)
+        return _assemble(path, columns, input, output, reference, time, rate_hz)
 
 
 def read_measured(path: Path, response: ResponseColumns = NO_NAMES, **names: Any) -> Record | FrequencyResponse:
@@ -192,25 +192,25 @@ def measured_columns(path: Path) -> Columns:
 def _assemble(
     path: Path,
     columns: Columns,
-    input_name: str | None = None,
-    output_name: str | None = None,
-    reference_name: str | None = None,
-    time_name: str | None = None,
+    input: str | None = None,
+    output: str | None = None,
+    reference: str | None = None,
+    time: str | None = None,
     rate_hz: float | None = None,
 ) -> Record:
-    time = _pick(columns, time_name, TIME_NAMES, "time") or _by_unit(columns)
-    if time is not None and time_name is not None and time.unit.kind not in ("", "time"):
-        raise BadInput(f"{time.text!r}, named as time, is in {time.unit.text}", "a column of seconds, or NAME=UNIT")
-    u_column, y_column = _signals(columns, input_name, output_name, time)
+    clock = _pick(columns, time, TIME_NAMES, "time") or _by_unit(columns)
+    if clock is not None and time is not None and clock.unit.kind not in ("", "time"):
+        raise BadInput(f"{clock.text!r}, named as time, is in {clock.unit.text}", "a column of seconds, or NAME=UNIT")
+    u_column, y_column = _signals(columns, input, output, clock)
     u_name, y_name = u_column.text, y_column.text
-    if time is not None and time.text in (u_name, y_name):
-        which = "command" if time.text == u_name else "position"
-        raise BadInput(f"{time.text!r} is the {which} and the time", "another column for one of them")
-    r_column = _pick(columns, reference_name, REFERENCE_NAMES, "reference")
+    if clock is not None and clock.text in (u_name, y_name):
+        which = "command" if clock.text == u_name else "position"
+        raise BadInput(f"{clock.text!r} is the {which} and the time", "another column for one of them")
+    r_column = _pick(columns, reference, REFERENCE_NAMES, "reference")
     r_name = None if r_column is None else r_column.text
     u, y = columns.values[u_name], columns.values[y_name]
     r = None if r_name is None else columns.values[r_name]
-    if reference_name is None and r is not None and (r.size != u.size or not np.all(np.isfinite(r))):
+    if reference is None and r is not None and (r.size != u.size or not np.all(np.isfinite(r))):
         r = None
     if u.size != y.size or (r is not None and r.size != u.size):
         many = f", {r_name} {r.size}" if r is not None else ""
@@ -226,8 +226,8 @@ def _assemble(
             raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
     known = _known_rate(columns, rate_hz)
-    if time is not None and columns.values[time.text].size == u.size:
-        stamps = read_stamps(columns.values[time.text] * time.unit.factor, known).held_against(y)
+    if clock is not None and columns.values[clock.text].size == u.size:
+        stamps = read_stamps(columns.values[clock.text] * clock.unit.factor, known).held_against(y)
         u, y = stamps.spread(u, True), stamps.spread(y, False)
         r = None if r is None else stamps.spread(r, True)
         known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
@@ -238,7 +238,7 @@ def _assemble(
     if quantity not in ("", "displacement") and "quantity" not in about:
         about["quantity"] = quantity
         remarks.append(f"{y_name!r} is read as {quantity} (--quantity)")
-    read = {u_name, y_name, time.text if time else "", "" if r is None else str(r_name)}
+    read = {u_name, y_name, clock.text if clock else "", "" if r is None else str(r_name)}
     if unread := _unread(columns, read, columns.values[y_name].size):
         remarks.append(f"not read: {', '.join(map(repr, unread))}")
     u_unit, y_unit = _unit(columns, u_column), _unit(columns, y_column)

@@ -82,18 +82,24 @@ def responses_csv(responses: Sequence[Response]) -> str:
 
 
 def read_responses(path: str | Path) -> tuple[Response, ...]:
-    """Read what `write_responses` wrote as HDF5; BadInput, one line, if it is not that."""
+    """Read measured responses (HDF5) of `measure response --out`. Raises BadInput for another file.
+
+    >>> [response.channel for response in tt.read_responses("response.h5")]
+    ['index']
+    """
     path = Path(path)
     require_kind(path, "measured")
     try:
         with opened_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
-                raise BadInput(f"format is not {FORMAT!r}", "a file that `measure` wrote")
+                raise BadInput(f"format is not {FORMAT!r}", "a file that `measure response` wrote")
             return tuple(_read_group(file[f"response{k + 1}"]) for k in range(len(file)))
     except BadInput as error:
         raise error.within(f"response {path}") from None
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
-        raise BadInput(f"response {path}: {str(error).splitlines()[0]}", "a file that `measure` wrote") from None
+        raise BadInput(
+            f"response {path}: {str(error).splitlines()[0]}", "a file that `measure response` wrote"
+        ) from None
 
 
 def _read_group(group: h5py.Group) -> Response:

@@ -79,7 +79,7 @@ class Crosstalk:
         return {name: level for name, level in self.levels.items() if name != self.driven}
 
 
-def measure_crosstalk(
+def felt_elsewhere(
     rig: Rig, driven: str, frequency_hz: ArrayLike, options: MeasurementOptions, *, progress: Progress | None = None
 ) -> tuple[Crosstalk, ...]:
     """Drive one channel under the loaded controller; return what is felt on all that have a finger port or a sensor.

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import field
+from functools import partial
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
@@ -26,7 +27,6 @@ from tactuator.model.requirements import (
 from tactuator.parameters import (
     Band,
     Flag,
-    InFile,
     NotNegative,
     Number,
     Positive,
@@ -37,6 +37,7 @@ from tactuator.parameters import (
 )
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import COMFORT_DB_SL, Contact, ThresholdCurve, threshold_chart
+from tactuator.perception.curve import curve as library_curve
 from tactuator.plain import brief, plain
 from tactuator.result import Chart, Fact, Result, data, found
 from tactuator.signals.decibels import from_db
@@ -142,13 +143,15 @@ class Threshold:
 
     curve: Annotated[
         ThresholdCurve,
-        InFile("bolanowski-1988"),
-        Wording("a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points"),
+        Wording(
+            "a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points",
+            '"bolanowski-1988"',
+        ),
         Field(
             description="a curve of the library (`bolanowski-1988`: inferred, thenar eminence; `morioka-griffin-2006`: "
             "digitised, hand on a handle), or your own"
         ),
-    ]
+    ] = field(default_factory=partial(library_curve, "bolanowski-1988"))
     band_hz: Annotated[Band, Field(description="where the response follows the curve, which must cover it")] = (
         0.4,
         300.0,
@@ -248,7 +251,7 @@ class MeasuredEnvironment:
     measured: Annotated[
         str | None,
         Wording("the path of a file"),
-        Field(description="a file of `noise --write`, in place of `hum_hz`, `hum_v_peak` and `noise_v_rms`"),
+        Field(description="a file of `measure noise --write`, in place of `hum_hz`, `hum_v_peak` and `noise_v_rms`"),
     ] = None
 
 
@@ -285,10 +288,14 @@ class Channel:
 
     plant: command (V) to sensor voltage (V). family: other plants that identification cannot tell from `plant`; a
     design must hold for them too. covariance: as `identify` found it; empty: unknown. valid_hz: None for everywhere.
+
+    A plant may also be (num, den), or a continuous linear system of python-control or scipy.signal.
+
+    >>> tt.Channel("index", sensor_gain_v_per_mm=0.2, travel_mm=12.5, plant=([2875.0], [1.0, 94.0, 290.0])).finger
+    'index'
     """
 
     name: Annotated[str, Field(description="unique name")]
-    finger: Annotated[str, Wording(default="the name"), InFile(""), Field(description="whose finger")]
     sensor_gain_v_per_mm: Annotated[Positive, Field(description="sensor volts per mm (or mm/s, mm/s², by `quantity`)")]
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
@@ -301,7 +308,8 @@ class Channel:
             '`structure = "none"` also a response (`frequency_hz` with `magnitude` or `magnitude_db`, no phase)'
         ),
     ]
-    threshold: Threshold
+    finger: Annotated[str, Wording(default="the name"), Field(description="whose finger")] = ""
+    threshold: Threshold = field(default_factory=Threshold)
     quantity: Annotated[
         Quantity,
         Wording('"displacement", "velocity", "acceleration", or "force" on a known mass'),
@@ -369,6 +377,7 @@ class Channel:
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "finger", self.finger or self.name)
         size = self.plant.zeros.size + self.plant.poles.size + 2
         if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
             raise BadInput(f"of {len(self.covariance)} rows", f"{size} rows of {size}", key="covariance")
@@ -461,20 +470,23 @@ class Channel:
 class Display(Result):
     """Channels that share one rate and one computing delay. sound: their wiring to a sound card, or None.
 
-    It draws the threshold curve of every channel.
+    It draws the threshold curve of every channel. What is not given is as in a display file.
+
+    >>> motor = tt.Channel("index", sensor_gain_v_per_mm=0.2, travel_mm=12.5, plant=([2875.0], [1.0, 94.0, 290.0]))
+    >>> tt.Display(rate_hz=4000.0, channels=(motor,)).delay_samples
+    1
     """
 
-    name: Annotated[str, InFile("display"), Field(description="its name in reports")]
     rate_hz: Annotated[
         Positive,
         Field(le=HIGHEST_RATE_HZ, description="sampling rate, at least four times the highest frequency of the band"),
     ]
+    channels: tuple[Channel, ...]
     delay_samples: Annotated[
         Whole,
-        InFile(1),
         Field(ge=0, le=8, description="periods from reading the sensor to the output of the resulting command"),
-    ]
-    channels: tuple[Channel, ...]
+    ] = 1
+    name: Annotated[str, Field(description="its name in reports")] = "display"
     objectives: Objectives = field(default_factory=Objectives)
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)

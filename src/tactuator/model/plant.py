@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import NoneType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -9,7 +10,8 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, within
 from tactuator.parameters import NotNegative, Number, Positive, from_table, kept_by, table
-from tactuator.signals.systems import ContinuousSystem
+from tactuator.signals.exchange import from_control
+from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
 DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -51,20 +53,31 @@ class PlantTable:
 
 
 def system_of(value: Any, *where: str) -> ContinuousSystem:
-    """Return a system, or that of its table. Raises BadInput within `where`."""
+    """Return a plant: a system, its table, (num, den) in descending powers of s, or a continuous linear system of
+    python-control or scipy.signal. Raises BadInput within `where`.
+    """
+    with within(*where):
+        system = _given_system(value)
+        if not isinstance(system, ContinuousSystem):
+            raise BadInput(f"a system sampled at {system.rate_hz:g} Hz", "a continuous one")
+        return system
+
+
+def _given_system(value: Any) -> ContinuousSystem | SampledSystem:
     if isinstance(value, ContinuousSystem):
         return value
-    if isinstance(value, PlantTable):
-        plant = value
-    elif isinstance(value, dict):
-        plant = from_table(PlantTable, value, *where)
-    else:
-        raise BadInput(f"{value!r}", "{ num, den } or { zeros, poles, gain }", where=where)
-    with within(*where):
-        return plant.system()
+    if isinstance(value, dict):
+        return from_table(PlantTable, value).system()
+    if isinstance(value, tuple | list) and len(value) == 2:
+        num, den = (np.atleast_1d(part).tolist() for part in value)
+        return from_table(PlantTable, {"num": num, "den": den}).system()
+    if isinstance(value, str | bytes | int | float | tuple | list | NoneType):
+        raise BadInput(f"{value!r}", PLANT_FORMS)
+    return from_control(value)
 
 
-System = Annotated[ContinuousSystem, *kept_by(system_of, "`{ num, den }` or `{ zeros, poles, gain }`")]
+PLANT_FORMS = "`{ num, den }` or `{ zeros, poles, gain }`"
+System = Annotated[ContinuousSystem, *kept_by(system_of, PLANT_FORMS)]
 """A continuous system, or its table."""
 
 
@@ -74,6 +87,9 @@ class Load:
 
     per: None for the gain of a plant of the form of a motor, gain/(s^2 + bs + k), to whose denominator the load is then
     simply added. Raises BadInput for a negative or infinite figure.
+
+    >>> tt.Load("finger", mass=0.1, damping=40.0, stiffness=3000.0).damping
+    40.0
     """
 
     name: str

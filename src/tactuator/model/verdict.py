@@ -116,7 +116,7 @@ def in_jnd(error_db: float) -> str:
 
 def rests_on(assumed: str) -> str:
     """Return the remark on a figure that rests on what nobody measured: one thing, or several joined by "and"."""
-    by = " (`tactuator noise --write` does)" if {"hum", "noise"} & set(assumed.split(" and ")) else ""
+    by = " (`tactuator measure noise --write` does)" if {"hum", "noise"} & set(assumed.split(" and ")) else ""
     return f"{assumed} {'are' if ' and ' in assumed else 'is'} assumed, not measured{by}"
 
 

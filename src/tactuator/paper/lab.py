@@ -68,12 +68,12 @@ def set_up(plan: Plan, folder: Path, progress: Progress) -> Lab:
     designed = tt.design(folder / DISPLAY)
     progress("design", 1.0)
     rig = tt.SimulatedRig(plan.display, plan.seed_of("noise"))
-    noise = tt.noise(rig, designed, gains=PROPORTIONAL_GAINS, write=folder / ENVIRONMENT)
+    noise = tt.measure_noise(rig, designed, gains=PROPORTIONAL_GAINS, write=folder / ENVIRONMENT)
     with (folder / DISPLAY).open("a", encoding="utf-8") as file:
         file.write(f'\n[environment]\nmeasured = "{ENVIRONMENT}"\n')
     controller = designed.on(tt.read_display(folder / DISPLAY))
     controller.write(folder / CONTROLLER)
-    tt.build(controller, folder / IMAGE)
+    tt.build_image(controller, folder / IMAGE)
     progress("noise", 1.0)
     return Lab(folder, calibrations, records, motors, noise, controller)
 
@@ -118,7 +118,7 @@ def calibrate(plan: Plan) -> dict[str, Calibration]:
     calibrations: dict[str, Calibration] = {}
     for read, name, volts in zip(readings.values(), rig.channels, np.transpose(sensed), strict=True):
         displacement_mm = np.array(read) + GAUGE_ERROR_MM * rng.standard_normal(_POSITION_COUNT)
-        calibrations[name] = tt.calibrate((displacement_mm, volts), GAUGE_ERROR_MM)
+        calibrations[name] = tt.calibrate_sensor((displacement_mm, volts), GAUGE_ERROR_MM)
     return calibrations
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import tactuator as tt
-from tactuator.api.controller import WordlengthResult, wordlength
+from tactuator.api.controller import WordlengthResult, word_length
 from tactuator.api.designed import ControllerResult
 from tactuator.model.verdict import Verdict
 from tactuator.paper.lab import DISPLAY, Lab, Truth, compare_with_truth, set_up
@@ -65,7 +65,7 @@ def run_study(plan: Plan, folder: Path, speech: Path, progress: Progress) -> Pap
         spoken = tuple(speak(plan, controller, speech, coding) for coding in CODINGS)
         progress("speech", 1.0)
         verdict, printed_verdict = tt.check(controller), tt.check(printed)
-        truth, resolution = compare_with_truth(plan, lab), wordlength(printed)
+        truth, resolution = compare_with_truth(plan, lab), word_length(printed)
         detected = detected_by()
         progress("thresholds", 1.0)
     reshaped = tt.design(folder / DISPLAY, curve=folder / CURVE)

@@ -13,8 +13,8 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel
 from tactuator.report.figure import ReportFigure, table_of
 from tactuator.report.printed import printed_polynomials
+from tactuator.signals.exchange import continuous_form
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
-from tactuator.synthesis.exchange import continuous_form
 
 _PITCH = 13.5
 """From line to line of small print in a box, pixels."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MultipleLocator, NullFormatter
 
@@ -35,9 +36,9 @@ from tactuator.report.figure import (
 from tactuator.report.nichols import nichols_figure
 from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
+from tactuator.signals.exchange import continuous_form
 from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
-from tactuator.synthesis.exchange import continuous_form
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.bits import MOST_BITS, BitsNeeded
@@ -290,6 +291,14 @@ def design_figures(controller: Controller, channel_name: str) -> tuple[ReportFig
         replace(figure, name=f"{figure.name}-{channel_name}", title=f"{figure.title}, {channel_name}")
         for figure in figures
     )
+
+
+def drawn(controller: Controller, channel_name: str, kind: str) -> Figure:
+    """Return the drawing of one kind of a channel's figures."""
+    name = f"{kind}-{channel_name}"
+    (figure,) = (each.drawing for each in design_figures(controller, channel_name) if each.name == name)
+    assert isinstance(figure, Figure)
+    return figure
 
 
 def save_design_figures(controller: Controller, folder: Path) -> None:

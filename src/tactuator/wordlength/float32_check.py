@@ -73,7 +73,7 @@ def built(controller: Controller) -> tuple[bytes, Float32Check]:
     image = build_image(controller)
     check = check_float32(controller)
     if not check.safe:
-        raise BadInput(f"float32 is not safe for this controller ({check})", "what `wordlength` calls safe")
+        raise BadInput(f"float32 is not safe for this controller ({check})", "what `firmware wordlength` calls safe")
     return image, check
 
 

@@ -1,4 +1,4 @@
-"""`tactuator wordlength`, `build` and `image`, as a user runs them."""
+"""`tactuator firmware wordlength`, `build` and `firmware image`, as a user runs them."""
 
 from tactuator.io.controller import read_controller, write_controller
 from tactuator.model.controller import Limits
@@ -6,7 +6,7 @@ from tests.runtime.paper_display import changed, controller, display, louder
 
 
 def test_wordlength__another_rate_and_a_figure__bits_and_float32_are_told_and_drawn(desk, run) -> None:
-    reported = run.json("wordlength", "controller.json", "--rate", "2000", "--figures", "figures")
+    reported = run.json("firmware", "wordlength", "controller.json", "--rate", "2000", "--figures", "figures")
     assert set(reported) == {"rate_hz", "bits", "float32", "figures"}
     assert (reported["rate_hz"], reported["figures"]) == (2000.0, "figures")
     assert set(reported["bits"]) == {"prefilter", "feedback"}
@@ -23,11 +23,11 @@ def test_wordlength__another_rate_and_a_figure__bits_and_float32_are_told_and_dr
 
 def test_loop_that_does_not_close__float32_is_not_safe_and_no_image_is_built(desk, run) -> None:
     write_controller("controller.json", louder(read_controller("controller.json"), 60.0))
-    ended = run("wordlength", "controller.json")
+    ended = run("firmware", "wordlength", "controller.json")
     assert ended.status == 1
     assert "float32: not safe" in ended.out
     (desk / "image.bin").write_bytes(b"old")
-    words = "float32 is not safe for this controller (unstable); expected what `wordlength` calls safe"
+    words = "float32 is not safe for this controller (unstable); expected what `firmware wordlength` calls safe"
     run.refused("build", "controller.json", "--out", "image.bin", said=words)
     assert (desk / "image.bin").read_bytes() == b"old"
 
@@ -42,13 +42,15 @@ def test_build__twice_then_image__same_bytes_and_say_the_same_of_them(desk, run)
     assert (built["rate_hz"], built["channels"]) == (4000.0, 1)
     assert built["controller"] == read_controller("controller.json").content_hash
     assert 0.0 <= built.pop("response_error_db") < 1e-3
-    read = run.json("image", image, "--controller", "controller.json")
+    read = run.json("firmware", "image", image, "--controller", "controller.json")
     assert (read.pop("is_of_controller"), read["delay_samples"]) == (True, 1)
     assert read == built
-    assert built["crc32"] in run("image", image).out
+    assert built["crc32"] in run("firmware", "image", image).out
     spoilt = changed(read_controller("controller.json"), limits=Limits(9.0, 2.0))
     write_controller("controller.json", spoilt)
-    assert run.json("image", image, "--controller", "controller.json", status=1)["is_of_controller"] is False
+    assert (
+        run.json("firmware", "image", image, "--controller", "controller.json", status=1)["is_of_controller"] is False
+    )
 
 
 def test_image__spoilt_or_for_another_display__is_refused(desk, run) -> None:
@@ -56,6 +58,6 @@ def test_image__spoilt_or_for_another_display__is_refused(desk, run) -> None:
     image = desk / "image.bin"
     assert run("build", "controller.json", "--out", image).status == 0
     write_controller("fingers.json", controller(display()))
-    run.refused("image", image, "--controller", "fingers.json", said="it is for another number of channels")
+    run.refused("firmware", "image", image, "--controller", "fingers.json", said="it is for another number of channels")
     image.write_bytes(image.read_bytes()[:-1])
-    run.refused("image", image, said="it is truncated, or longer than it says")
+    run.refused("firmware", "image", image, said="it is truncated, or longer than it says")

@@ -21,7 +21,7 @@ from tests.rig.sound.from_start_to_end import controller
 from tests.rig.sound.turned_card import TurnedCard, sound_display, turned_rig
 
 ROOT = Path(__file__).parents[3]
-CALIBRATE = ("calibrate-display", "sound.toml", "--out", "out")
+CALIBRATE = ("sound", "calibrate-display", "sound.toml", "--out", "out")
 
 
 class PortAudioError(Exception):
@@ -89,7 +89,7 @@ sys.exit(main())
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the C library is asked by the name that it has on Linux")
 def test_calibrate_display__card_that_never_opens__one_line_all_the_same(room):
-    given = ["calibrate-display", str(room / "sound.toml"), "--rig", "sound:Card", "--out", str(room / "out")]
+    given = ["sound", "calibrate-display", str(room / "sound.toml"), "--rig", "sound:Card", "--out", str(room / "out")]
     asked = [sys.executable, "-c", NEVER_LEAVES, *given]
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stdout) == (3, "tidied up\n")

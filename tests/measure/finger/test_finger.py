@@ -126,7 +126,7 @@ def test_finger__motor_warms_meanwhile__figures_lie_within_their_widths() -> Non
     """Free first and then touched, 4 % of lost gain was 9 % more mass, told to 0.5 %."""
     described = display()
     touching = described.channels[0].load("finger")
-    result = tt.finger(Warming(described, 3), controller(described), duration_s=27.0)
+    result = tt.estimate_load(Warming(described, 3), controller(described), duration_s=27.0)
     (found,) = result.estimates
     told = np.array([found.mass, found.damping, found.stiffness])
     truth = np.array([touching.mass, touching.damping, touching.stiffness])

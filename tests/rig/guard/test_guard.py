@@ -136,7 +136,7 @@ def falls_over():
     own = {"plant": ContinuousSystem([], [60.0, -60.0], 4000.0), "environment": Environment(friction_v=0.0)}
     channels = tuple(finger(name, loads=(), **own) for name in ("index", "thumb", "middle"))
     sections = discretise(ContinuousSystem([-60.0], [-3000.0], 225.0), 4000.0, "bilinear").sections()
-    return changed(controller(Display("magnets", 4000.0, 1, channels)), feedback_sos=sections)
+    return changed(controller(Display(4000.0, channels, 1, "magnets")), feedback_sos=sections)
 
 
 def test_guard__plant_that_falls_over__is_ended_below_the_least_gain():

@@ -11,8 +11,8 @@ const TOUR = [
   ["Design the loop of each of the three fingers, by dragging or by the synthesis", "loop", "tactuator design display.toml --out controller.json"],
   ["Check all three, and save", "loop", "tactuator check controller.json"],
   ["Fit the prefilter to the curve of one person", "prefilter", "tactuator design display.toml --curve curve.csv --out personal.json"],
-  ["Measure its response", "response", "tactuator measure --controller controller.json --out response.csv"],
-  ["Watch it, touch it", "scope", "tactuator noise --controller controller.json"],
+  ["Measure its response", "response", "tactuator measure response --controller controller.json --out response.csv"],
+  ["Watch it, touch it", "scope", "tactuator measure noise --controller controller.json"],
   ["Measure thresholds", "experiment", "tactuator experiment serve protocol.toml --store lab.db --controller controller.json"],
   ["Render speech, and play it", "speech", "tactuator render speech.wav --display display.toml --out reference.wav --felt felt.wav"],
 ];

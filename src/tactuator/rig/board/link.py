@@ -199,7 +199,7 @@ class RigLocked(DeviceFault):
     def __init__(self, faults: int) -> None:
         super().__init__(
             f"the board is locked after {faults} sensor or travel faults",
-            "look at the sensor, then acknowledge them (`tactuator acknowledge`)",
+            "look at the sensor, then acknowledge them (`tactuator firmware acknowledge`)",
         )
 
 

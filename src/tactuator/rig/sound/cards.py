@@ -30,7 +30,6 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, DeviceFault
-from tactuator.io.csv_tables import resolve_curve
 from tactuator.model.description import Channel, Converter, Display, Threshold
 from tactuator.model.requirements import FeedbackRequirements, SoundCard, Wires
 from tactuator.rig.rig import Rig
@@ -275,18 +274,16 @@ def wire_display(rate_hz: float, output: int, input_number: int) -> Display:
     if not (np.isfinite(rate_hz) and rate_hz >= LEAST_RATE_HZ):
         raise BadInput(f"a rate of {rate_hz:g} Hz", f"{LEAST_RATE_HZ:g} Hz or more, as the card has it")
     sound = SoundCard((Wires(output, input_number, 1.0, 1.0),), lead_s=0.5)
-    threshold = Threshold(resolve_curve("bolanowski-1988"), (1.0, min(300.0, rate_hz / 4.0)))
     channel = Channel(
         name="wire",
-        finger="wire",
         sensor_gain_v_per_mm=1.0,
         travel_mm=1.0,
         plant=ContinuousSystem(np.empty(0), np.empty(0), 1.0),
-        threshold=threshold,
+        threshold=Threshold(band_hz=(1.0, min(300.0, rate_hz / 4.0))),
         converter=Converter(range_v=1.0),
         feedback=FeedbackRequirements(structure="none"),
     )
-    return Display("wire", rate_hz, 0, (channel,), sound=sound)
+    return Display(rate_hz, (channel,), 0, "wire", sound=sound)
 
 
 @dataclass(frozen=True)

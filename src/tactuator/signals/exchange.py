@@ -1,4 +1,4 @@
-"""To and from python-control, and a sampled filter in continuous form, for print.
+"""To and from python-control, from scipy.signal, and a sampled filter in continuous form, for print.
 
 python-control is optional and imported when asked for. Systems go over as state space built factor by factor, not as
 polynomials: its transfer functions lose all their digits for a prefilter in series with a loop at 4 kHz.
@@ -7,6 +7,7 @@ polynomials: its transfer functions lose all their digits for a prefilter in ser
 from __future__ import annotations
 
 import importlib
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -23,6 +24,9 @@ def to_control(system: System) -> Any:
     """Return the system as a python-control StateSpace (dt = 0, or the sampling period; delay as poles at z = 0).
 
     Raises BadInput without python-control, for an improper system, or for continuous dead time, which it cannot hold.
+
+    >>> tt.to_control(controller.loop("index").controller).dt
+    0.00025
     """
     control = _control()
     if isinstance(system, ContinuousSystem) and system.delay_s > 0.0:
@@ -42,20 +46,34 @@ def to_control(system: System) -> Any:
 
 
 def from_control(system: Any) -> System:
-    """Return a python-control StateSpace or TransferFunction (one input, one output) as a system of ours.
+    """Return a linear system of python-control or scipy.signal, of one input and one output, as a system of ours.
 
-    Raises BadInput without python-control, for more inputs or outputs, or for an unspecified sampling period.
+    Raises BadInput for another object, for more inputs or outputs, or for an unspecified sampling period.
+
+    >>> tt.from_control(tt.to_control(controller.loop("index").controller)).rate_hz
+    4000.0
     """
-    control = _control()
-    if system.ninputs != 1 or system.noutputs != 1:
-        raise BadInput(f"{system.ninputs} inputs and {system.noutputs} outputs", "one of each")
-    if system.dt is None or system.dt is True:
-        raise BadInput(f"sampling period is {system.dt}", "0 for continuous time, or seconds")
-    zeros, poles = np.asarray(control.zeros(system)), np.asarray(control.poles(system))
-    gain = _gain(control, system, zeros, poles)
-    if system.dt == 0:
-        return ContinuousSystem(zeros, poles, gain)
-    return SampledSystem(zeros, poles, gain, 1.0 / float(system.dt))
+    if hasattr(system, "to_zpk"):  # scipy.signal; its continuous systems have no period
+        counts, period = (system.inputs, system.outputs), 0.0 if system.dt is None else system.dt
+    elif hasattr(system, "ninputs") and hasattr(system, "poles"):
+        counts, period = (system.ninputs, system.noutputs), system.dt
+    else:
+        raise BadInput(f"a {type(system).__name__}", "a linear system of python-control or scipy.signal")
+    if counts != (1, 1):
+        raise BadInput(f"{counts[0]} inputs and {counts[1]} outputs", "one of each")
+    if period is None or period is True:
+        raise BadInput(f"sampling period is {period}", "0 for continuous time, or seconds")
+    if hasattr(system, "to_zpk"):
+        with warnings.catch_warnings(action="error"):
+            try:
+                factors = system.to_zpk()
+            except Warning:  # a state space whose numerator would begin with what is left of rounding
+                raise BadInput("a state space without exact zeros", "its zeros, poles and gain") from None
+        zeros, poles, gain = factors.zeros, factors.poles, float(factors.gain)
+    else:
+        zeros, poles = np.asarray(system.zeros()), np.asarray(system.poles())
+        gain = _gain(system, zeros, poles)
+    return SampledSystem(zeros, poles, gain, 1.0 / float(period)) if period else ContinuousSystem(zeros, poles, gain)
 
 
 def _control() -> Any:
@@ -95,10 +113,10 @@ def _factor_matrices(zeros: Any, poles: Any) -> tuple[Any, Any, Any, Any]:
     return [[-den[1], -den[2]], [1.0, 0.0]], [[1.0], [0.0]], [list(rest)], [[direct]]
 
 
-def _gain(control: Any, system: Any, zeros: Any, poles: Any) -> float:
+def _gain(system: Any, zeros: Any, poles: Any) -> float:
     size = 1.0 + float(np.max(np.abs(np.concatenate([zeros, poles])), initial=0.0))
     point = size * (1.3 + 0.7j)
-    value = complex(control.evalfr(system, point))
+    value = complex(system(point))
     return float(np.real(value * np.prod(point - poles) / np.prod(point - zeros)))
 
 
