@@ -153,8 +153,8 @@ def test_judge__open_loop__costs_a_resonance_that_is_off() -> None:
         plant = ContinuousSystem.from_polynomials([50.0 * w**2], [1.0, 0.3 * w, w**2])
         return channel(plant=plant, loads=(), feedback=FeedbackRequirements(structure="none"))
 
-    made = design_controller(Display("exciter", 8000.0, 1, (exciter(1.0),)), 8)
-    others = [judge(made, Display("exciter", 8000.0, 1, (exciter(moved),))) for moved in (0.98, 1.02)]
+    made = design_controller(Display(8000.0, (exciter(1.0),), 1, "exciter"), 8)
+    others = [judge(made, Display(8000.0, (exciter(moved),), 1, "exciter")) for moved in (0.98, 1.02)]
     truth = max(only(other, "i", "index", "none", "felt minus asked").value or 0.0 for other in others)
     verdict = judge(made)
     told = only(verdict, "i", "index", "none", "felt minus asked, a mode 2 % off")
