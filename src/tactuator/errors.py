@@ -23,12 +23,15 @@ of them, one line, and it is the only place that does; nothing reads a sentence.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, Self
 
+_LOG = logging.getLogger(__name__)
 _UNSEEN = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 """Control characters but for tab and line end, and marks that turn the direction of what is read."""
 
@@ -44,7 +47,8 @@ class TactuatorError(Exception):
     """An error for the person who asked; `exit_status` is the command line's.
 
     got: what is wrong, with the value. allowed: what would be taken instead. where: file, table or object, outermost
-    first. key: the parameter at fault, by its name in the file or the call.
+    first. key: the parameter at fault, by its name in the file or the call. file: one that a document names, whose
+    words the error may repeat (see `named_file`).
     """
 
     exit_status = 2
@@ -52,6 +56,7 @@ class TactuatorError(Exception):
     def __init__(self, got: str, allowed: str = "", *, where: tuple[str, ...] = (), key: str = "") -> None:
         super().__init__(got)
         self.got, self.allowed, self.where, self.key = got, allowed, where, key
+        self.file = ""
 
     def within(self, *where: str) -> Self:
         """Return the same error, told to lie within `where`, outermost first."""
@@ -87,6 +92,29 @@ def within(*where: str) -> Iterator[None]:
         yield
     except BadInput as error:
         raise error.within(*where) from None
+
+
+@contextmanager
+def named_file(path: str | Path, use: str) -> Iterator[None]:
+    """Mark what is refused in the block as said of a file that is there and that a document names. use: as what."""
+    try:
+        yield
+    except BadInput as error:
+        if Path(path).is_file():
+            error.file = error.file or f"{use} {path}"
+        raise
+
+
+@contextmanager
+def unquoted() -> Iterator[None]:
+    """Refuse a file that a document names without a word of it, for a reader who may not read that file."""
+    try:
+        yield
+    except BadInput as error:
+        if not error.file:
+            raise
+        _LOG.warning("%s", error)
+        raise BadInput(f"{error.file} cannot be used: the server's terminal says why") from None
 
 
 class NoDesign(TactuatorError, ValueError):

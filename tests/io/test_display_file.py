@@ -84,7 +84,7 @@ def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Pat
     ("old", "new", "words"),
     [
         ("rate_hz = 4000", "rate = 4000", r"key \(did you mean 'rate_hz'\?\)$"),
-        ("rate_hz = 4000", "rate_hz = 4,000", r"line \d+, column 12: 'rate_hz = 4,000.*': Expected newline"),
+        ("rate_hz = 4000", "rate_hz = 4,000", r"line \d+, column 12: Expected newline"),
         ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\]: rate_hz is '4000'; it must be a number"),
         ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; it must be a number, above 0, up to 1000000"),
         ("0.19898", "198.98", r"198.98 V/mm, which make 2487 V of travel_mm 12.5; it must be up to range_v 10 V"),

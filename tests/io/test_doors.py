@@ -13,7 +13,10 @@ from tactuator.cli.main import main
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput, visible
 from tactuator.experiment.store.store import sessions_of
+from tactuator.io.csv_tables import read_curve
+from tactuator.io.display import read_display
 from tactuator.io.hdf5 import opened_hdf5
+from tactuator.io.text import require_inside
 from tactuator.web.pages import HEADERS
 from tactuator.web.sockets import same_origin
 
@@ -86,9 +89,58 @@ def test_lock__that_is_a_link__is_not_followed(tmp_path):
 def test_typed_display__path_out_of_its_folder__is_refused_unread(tmp_path, path):
     (tmp_path / "link").symlink_to("/etc")
     text = f'[threshold]\ncurve = "{path}"\n'
-    with pytest.raises(BadInput, match="a path within the display's folder") as refusal:
+    with pytest.raises(BadInput, match="a path within its file's folder") as refusal:
         ConsoleState().take_text(text, tmp_path)
     assert "root" not in str(refusal.value)
+
+
+SECRET = "hunter2"
+PRIVATE = {
+    "notes.txt": f"{SECRET}, of the laboratory\n",
+    "notes.csv": f"{SECRET},{SECRET}\n1,2\n3,4\n",
+    "curve.csv": f"frequency_hz,level_db_re_1um\n1,{SECRET}\n2,3\n",
+    "pairs.csv": f"time_s,{SECRET}\n0,1\n1,2\n",
+    "broken.toml": f"password = {SECRET}\n",
+    "twice.toml": f"[{SECRET}]\n[{SECRET}]\n",
+    "key.toml": f'{SECRET} = {{ a = 1, a = 2 }}\n',
+    "format.json": f'{{"format": "{SECRET}", "channels": {{"{SECRET}": 1}}}}',
+    "model.json": f'{{"num": [1], "den": [1, 2], "{SECRET}": 3, "quantity": "{SECRET}"}}',
+    "environment.json": f'{{"format": "tactuator-environment/1", "channels": {{"{SECRET}": "{SECRET}"}}}}',
+}
+NAMING = {
+    "curve": '[threshold]\ncurve = "{}"\n',
+    "contours": '[strength]\ncontours = "{}"\n',
+    "measured": '[environment]\nmeasured = "{}"\n',
+    "plant": "",
+    "plants": "",
+}
+
+
+@pytest.mark.parametrize("key", NAMING)
+@pytest.mark.parametrize("name", PRIVATE)
+def test_typed_display__that_names_a_private_file__repeats_none_of_it(tmp_path, key, name):
+    (tmp_path / name).write_text(PRIVATE[name])
+    plant = {"plant": f'"{name}"', "plants": f'["{name}"]'}.get(key, "{ num = [950.0], den = [1.0, 60.0, 1600.0] }")
+    head = "[display]\nname = \"a\"\nrate_hz = 4000.0\n" + NAMING[key].format(name)
+    text = head + f'[[channel]]\nname = "thumb"\nplant = {plant}\n'
+    with pytest.raises(BadInput) as refusal:
+        ConsoleState().take_text(text, tmp_path)
+    assert SECRET not in str(refusal.value) + str(refusal.value.document())
+
+
+def test_uploaded_protocol__file_out_of_its_folder__is_refused_unread(tmp_path):
+    for path in ("/etc/passwd", "../private.toml"):
+        with pytest.raises(BadInput, match="within its file's folder"):
+            require_inside({"files": [path]}, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["broken.toml", "twice.toml", "key.toml", "notes.csv"])
+def test_refused_file__of_toml_or_csv__is_not_quoted(tmp_path, name):
+    (tmp_path / name).write_text(PRIVATE[name])
+    read = read_curve if name.endswith(".csv") else read_display
+    with pytest.raises(BadInput) as refusal:
+        read(tmp_path / name)
+    assert SECRET not in str(refusal.value)
 
 
 @pytest.mark.parametrize("origin", ["http://[", "http://[::1", "http://a]b", "//[x"])

@@ -53,11 +53,11 @@ record = partial(read_record, rate_hz=10.0)
         (read_model, "m.json", b'{"format": "other"}', "; "),
         (read_model, "m.json", b'{"format": "tactuator-model/1"}', "; "),
         (read_responses, "r.h5", b"no", "; "),
-        (read_pairs, "p.csv", b"", "columns nothing"),
-        (read_pairs, "p.csv", b"displacement_mm,volts\n1,2\n", "volts, 1 rows; expected displacement_mm, voltage_v"),
+        (read_pairs, "p.csv", b"", "no column displacement_mm, voltage_v"),
+        (read_pairs, "p.csv", b"displacement_mm,volts\n1,2\n", "no column voltage_v .2 columns, 1 rows.; expected displacement_mm"),
         (read_pairs, "p.csv", b"displacement_mm,voltage_v\n1,x\n", "voltage_v is 'x' in row 2"),
         (read_pairs, "p.csv", b"displacement_mm,voltage_v\n1,2\n1,nan\n", "row 3 has 1 mm and nan V; expected finite"),
-        (read_contours, "c.csv", b"", "columns nothing, 0 rows; expected level_db_sl, frequency_hz, db_sl"),
+        (read_contours, "c.csv", b"", "0 columns, 0 rows.; expected level_db_sl, frequency_hz, db_sl"),
         (read_contours, "c.csv", CONTOURS + b"10,30,x\n", "db_sl is 'x' in row 2"),
         (read_contours, "c.csv", TWO + b"20,100,20\n", "3 rows for 2 contours and 2 freq"),
         (read_contours, "c.csv", b"# name: a\n# reference_hz: x\n" + TWO, "reference_hz is x; "),
@@ -66,8 +66,8 @@ record = partial(read_record, rate_hz=10.0)
         (read_contours, "c.csv", b"# name: a\n# provenance: b\n" + TWO, "provenance is 'b'"),
         (read_curve, "c.csv", None, "file not found"),
         (read_curve, "c.csv", b"\xff\xfe\x00", "not text"),
-        (read_curve, "c.csv", b"", "columns nothing, 0 rows; expected frequency_hz"),
-        (read_curve, "c.csv", b"hz,db\n1,2\n", "hz, db, 1 rows; expected frequency_hz, level_db_re_1um or acceler"),
+        (read_curve, "c.csv", b"", "0 columns, 0 rows.; expected frequency_hz"),
+        (read_curve, "c.csv", b"hz,db\n1,2\n", "2 columns, 1 rows.; expected frequency_hz, level_db_re_1um or acceler"),
         (read_curve, "c.csv", CURVE + b"1,x\n", "level_db_re_1um is 'x' in row 2; expected a number"),
         (read_curve, "c.csv", CURVE + b"1,2\n2\n", "; "),
         (read_curve, "c.csv", b"frequency_hz,acceleration_m_s2_rms\n1,2\n2,-3\n3,1\n", "not a finite number"),
@@ -280,7 +280,7 @@ def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> No
 
 def test_pipe__that_nobody_writes_to__keeps_neither_a_reader_nor_a_server_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "p.csv")
-    one_line(lambda: read_pairs(tmp_path / "p.csv"), "columns .*; expected displacement_mm")
+    one_line(lambda: read_pairs(tmp_path / "p.csv"), "no column .*; expected displacement_mm")
     one_line(lambda: Address(certificate=tmp_path / "p.csv"), "is a pipe")
 
 

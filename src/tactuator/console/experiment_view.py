@@ -26,6 +26,7 @@ from tactuator.experiment.session.studies import fresh_token, open_study, task_o
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.store.store import opened_store, sessions_of
 from tactuator.io.shipped import example_names
+from tactuator.io.text import require_inside
 from tactuator.model.controller import Controller
 from tactuator.web.lab import Lab
 from tactuator.web.sockets import send
@@ -147,6 +148,7 @@ class StudyAtRig:
     ) -> tuple[Lab, _Running]:
         with ExitStack() as stack:
             protocol, text = read_protocol(path, StudyProtocol)
+            require_inside({"files": list(protocol.files)}, path.parent)
             stack.enter_context(sessions_of(self._state.folder / store))
             process = self._session.rig
             rig = stack.enter_context(ConsoleRig(process))

@@ -13,7 +13,7 @@ from tactuator import __version__
 from tactuator.console.loop_chart import ChannelPlants, channel_controller, channel_plants
 from tactuator.console.loop_shape import Factor, LoopShape, taken_apart
 from tactuator.console.uploads import EXAMPLE, UploadedFiles
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unquoted
 from tactuator.io.display import parse_display, read_display
 from tactuator.io.shipped import EXAMPLES, example_names
 from tactuator.io.text import parse_toml, read_text, require_inside
@@ -46,7 +46,7 @@ class ConsoleState:
         self._shaped: _Newest[ChannelController] = _Newest(256)
         self._designed: _Newest[ChannelController] = _Newest(256)
         if path is not None:
-            self.open(FILE)
+            self._displays[FILE] = read_display(path)
 
     @property
     def named(self) -> str | None:
@@ -85,13 +85,19 @@ class ConsoleState:
         """
         folder = Path() if beside is None else beside if isinstance(beside, Path) else self._folder(beside)
         document = parse_toml(text)
-        require_inside(document, folder)
-        display = parse_display(document, folder)
+        display = self._parsed(document, folder)
         key = _TEXT + hashlib.sha256(f"{folder}:{text}".encode()).hexdigest()[:16]
         if (key,) not in self._texts:
             self._texts.keep((key,), (text, folder))
             self._displays[key] = display
         return key
+
+    @staticmethod
+    def _parsed(document: Mapping[str, Any], folder: Path) -> Display:
+        """Return the display of a page's text; the files that it names are within the folder and are not quoted."""
+        require_inside(document, folder)
+        with unquoted():
+            return parse_display(document, folder)
 
     def _folder(self, key: str) -> Path:
         return self._texts[key,][1] if (key,) in self._texts else self.path(key).parent
@@ -106,9 +112,10 @@ class ConsoleState:
         """Read a display anew; what was made for another content of the file is forgotten."""
         if (key,) in self._texts:
             text, folder = self._texts[key,]
-            self._displays[key] = parse_display(parse_toml(text), folder)
+            self._displays[key] = self._parsed(parse_toml(text), folder)
             return self._displays[key]
-        display = read_display(self.path(key))
+        with unquoted():
+            display = read_display(self.path(key))
         if self._displays.get(key) == display:
             return self._displays[key]
         self._displays[key] = display

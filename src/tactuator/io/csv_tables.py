@@ -72,9 +72,10 @@ def _sheet(noun: str, kind: str, path: Path, *needed: str) -> Iterator[_Sheet]:
     with _text_table(noun, kind, path) as table:
         rows = table.rows()
         names = [cell.lower() for cell in rows[0]] if rows else []
-        if any(set(name.split(" or ")).isdisjoint(names) for name in needed) or len(rows) < 2:
-            got = f"columns {', '.join(names) or 'nothing'}, {max(len(rows) - 1, 0)} rows"
-            raise BadInput(got, f"{', '.join(needed)}, one row or more")
+        lacks = [name for name in needed if set(name.split(" or ")).isdisjoint(names)]
+        if lacks or len(rows) < 2:  # none of its words: it may be any file
+            of = f"{len(names)} columns, {max(len(rows) - 1, 0)} rows"
+            raise BadInput(f"no column {', '.join(lacks)} ({of})" if lacks else of, f"{', '.join(needed)}, a row or more")
         yield _Sheet(_head(table.remarks()), names, rows[1:])
 
 

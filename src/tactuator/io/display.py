@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tactuator.errors import BadInput, unknown, within
+from tactuator.errors import BadInput, named_file, unknown, within
 from tactuator.io.csv_tables import read_contours, resolve_curve
 from tactuator.io.environment import channel_environment
 from tactuator.io.kinds import require_kind
@@ -210,14 +210,16 @@ def _merged(table: Document, entry: Document, name: str, where: str) -> tuple[di
 
 
 def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
-    if isinstance(keys.get("curve"), str):
-        with within(where, "curve"):
-            keys["curve"] = resolve_curve(keys["curve"], beside)
+    name = keys.get("curve")
+    if isinstance(name, str):
+        with within(where, "curve"), named_file(beside / name, "threshold curve"):
+            keys["curve"] = resolve_curve(name, beside)
     return from_table(Threshold, keys, where)
 
 
 def _strength(keys: dict[str, Any], where: str, beside: Path) -> Strength:
     contours = keys.get("contours")
     with within(where, "contours"):
-        resolved = read_contours(beside / contours) if isinstance(contours, str) else contours
+        with named_file(beside / f"{contours}", "contours"):
+            resolved = read_contours(beside / contours) if isinstance(contours, str) else contours
     return from_table(Strength, keys | {"contours": resolved}, where)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactuator import __version__
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, named_file, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import read_document
 from tactuator.model.description import DISTURBANCES, Environment, MeasuredEnvironment
@@ -61,7 +61,7 @@ def channel_environment(
         if stated:
             raise BadInput(f"environment: both measured and {stated[0]} are given", "one of them", where=(where,))
         path = beside / file.measured
-        with within(where, "measured"):
+        with within(where, "measured"), named_file(path, "environment"):
             values |= read_environment(path, channel)
     known = {_STATES[key] for key in values if key in _STATES}
     if friction is not None and "friction" not in known:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, named_file, within
 from tactuator.io.columns import read_columns
 from tactuator.io.kinds import require_kind
 from tactuator.io.model import FORMAT, parse_model
@@ -57,7 +57,11 @@ def given_plant(plant: Any, beside: Path, where: str, looped: bool) -> GivenPlan
         return _of_several(plant, beside, where)
     if not isinstance(plant, str):
         return GivenPlant({"plant": system_of(plant, where, "plant")}, _leading(plant))
-    path = beside / plant
+    with named_file(beside / plant, "plant"):
+        return _of_file(beside / plant, where, looped)
+
+
+def _of_file(path: Path, where: str, looped: bool) -> GivenPlant:
     with within(where, "plant"):
         require_kind(path, "model", "response")
     response = None

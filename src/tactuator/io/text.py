@@ -19,6 +19,8 @@ read in pieces and may be longer."""
 _LARGEST_TOML = 2 << 20
 _DEEP_KEY = re.compile(r"""(?:\.[ \t]*(?:[\w-]{0,64}|"[^"\n]{0,64}"|'[^'\n]{0,64}')[ \t]*){64}""")
 """A key of so many parts takes the reader of TOML time and memory by the square of their number."""
+_TOML_KEY = re.compile(r"\('.*\)|(?<=key )'.*'")
+"""The keys of the text that a refusal of the reader repeats."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
@@ -83,7 +85,10 @@ def parse_finite_json(text: str) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text. Raises BadInput within its line for none, and for one of over 2 MB."""
+    """Return the tables of a TOML text. Raises BadInput within its line for none, and for one of over 2 MB.
+
+    A refusal says where, and nothing of the text: it may be another file than the reader was to see.
+    """
     if len(text) > _LARGEST_TOML:
         raise BadInput(f"it has more than {_LARGEST_TOML >> 20} MB")
     if _DEEP_KEY.search(text):
@@ -92,10 +97,8 @@ def parse_toml(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         reason, _, place = str(error).splitlines()[0].removesuffix(")").rpartition(" (at ")  # all that it tells
-        number = re.match(r"line (\d+)", place)
-        lines = text.split("\n")  # as TOML counts them
-        line = f"{lines[int(number[1]) - 1].strip()[:60]!r}: " if number else ""
-        raise BadInput(line + (reason or place), where=(place,) if reason else ()) from None
+        reason = _TOML_KEY.sub("a key", reason)
+        raise BadInput(reason or place, where=(place,) if reason else ()) from None
     except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep
         raise BadInput("it is not TOML") from None
 
@@ -114,7 +117,7 @@ def require_inside(value: Any, folder: Path, *where: str) -> None:
     elif (
         isinstance(value, str) and "\0" not in value and not (folder / value).resolve().is_relative_to(folder.resolve())
     ):
-        raise BadInput(repr(value)[:60], "a path within the display's folder", where=where[:-1], key=where[-1])
+        raise BadInput(repr(value)[:60], "a path within its file's folder", where=where[:-1], key=where[-1])
 
 
 def toml_text(document: Mapping[str, Any]) -> str:
