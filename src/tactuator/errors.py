@@ -67,7 +67,7 @@ class TactuatorError(Exception):
         sentence = ": ".join([*self.where, f"{self.key} is {self.got}" if self.key else self.got])
         if self.allowed:
             sentence = f"{sentence}; {'it must be' if self.key else 'expected'} {self.allowed}"
-        return visible(sentence)
+        return visible(sentence).replace("\n", "\\n")
 
     def document(self) -> Mapping[str, Any]:
         """Return the error as data, for a page."""

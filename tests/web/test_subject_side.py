@@ -10,6 +10,7 @@ from sqlalchemy import select
 from tactuator.experiment.session.session import Pace
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
+from tactuator.web import lab as web_lab
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study, response_of, rows_of
 from tests.web.labs import (  # noqa: F401  # noqa: F401
@@ -184,15 +185,51 @@ def test_demonstration__on_a_simulated_display__shows_each_interval(make) -> Non
 def test_link__with_what_others_call_the_subject__keeps_it_and_refuses_another(make) -> None:
     lab = make()
     with served(build_app(lab, TOKEN)) as client:
-        assert [client.get("/s/token-S1?participant=abc-1").status for _ in range(2)] == [200, 200]
+        assert [client.request("POST", "/s/token-S1?participant=abc-1", {}).status for _ in range(2)] == [204, 204]
         for path in ("/s/token-S1?participant=other", "/s/token-S2?participant=abc-1", "/s/token-S2?participant=a%20b"):
-            answer = client.get(path)
+            answer = client.request("POST", path, {})
             assert (answer.status, answer.text) == (
                 403,
                 "This link cannot be opened with this participant id. Please ask the experimenter.\n",
             )
-        assert client.get("/s/token-S2?participant=" + "x" * 65).status == 422
+        assert client.request("POST", "/s/token-S2?participant=" + "x" * 65, {}).status == 422
     assert [row.participant_id for row in lab.study.sessions()] == ["abc-1", None]
+
+
+def test_link__opened_by_a_scanner_or_from_another_page__claims_nothing(make) -> None:
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client:
+        for method in ("GET", "HEAD", "OPTIONS", "PUT"):
+            assert client.request(method, "/s/token-S1?participant=abc-1", {}).status in (200, 405)
+        elsewhere = {"Origin": "https://other.example"}
+        assert client.request("POST", "/s/token-S1?participant=abc-1", elsewhere).status == 404
+        assert client.request("POST", "/s/none?participant=abc-1", {}).status == 404
+    assert [row.participant_id for row in lab.study.sessions()] == [None, None]
+
+
+def test_claims__without_an_end__are_kept_up_to_a_bound(make, monkeypatch) -> None:
+    monkeypatch.setattr(web_lab, "NOTES_MAX", 3)
+    lab = make()
+    with served(build_app(lab, TOKEN)) as client:
+        statuses = [client.request("POST", f"/s/token-S1?participant=a{k}", {}).status for k in range(6)]
+    assert statuses == [204, *[403] * 5]
+    assert len(events(lab)) == 3
+
+
+def test_pauses__without_an_end__are_kept_up_to_a_bound_and_still_silence(make, monkeypatch) -> None:
+    monkeypatch.setattr(web_lab, "NOTES_MAX", 6)
+    lab = make()
+    with at_page(lab) as socket:
+        begun(socket)
+        for _ in range(10):
+            socket.send_json({"type": "pause"})
+            stage(socket, "paused")
+            socket.send_json({"type": "ready", "stage": "paused"})
+            go_on(socket, "trial")
+            until(socket, "answer-now")
+    assert events(lab) == ["pause", "resume"] * 3
+    details = rows_of(lab.store, select(schema.event.c.detail).order_by(schema.event.c.id))
+    assert details[-1] == ("by the subject; the last of 6 that are kept",)
 
 
 def test_operator__corrects_what_was_noted__and_the_page_shows_it(make) -> None:

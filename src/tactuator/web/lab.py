@@ -21,6 +21,8 @@ from tactuator.experiment.words import Words
 from tactuator.result import ResultTable
 
 _T = TypeVar("_T")
+NOTES_MAX = 500
+"""Number of starts, pauses, resumptions and claims that are stored of a session while the server runs."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -55,6 +57,7 @@ class Lab:
         self.changed = asyncio.Event()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig")
         self._sessions: dict[int, Session] = {}
+        self._notes: dict[int, int] = {}
         self._opening = asyncio.Lock()
         self._rows, self.facts = study.sessions(), study.facts()
 
@@ -241,11 +244,17 @@ class Lab:
                 detail = f"the wall clock moved by {jump_s:.1f} s"
                 records.note(connection, None, "clock-jump", detail, self.clock.utc(), records.PROGRAM)
 
-    async def note(self, session: int, kind: str, who: str) -> None:
-        """Store what an operator did to a session."""
-        opened = self.opened(session)
-        if opened is not None:
-            await self.work(lambda: opened.note(kind, "by the operator", who))
+    async def note(self, session: Session, kind: str, detail: str, who: str | None = None) -> None:
+        """Store what was done to a session, NOTES_MAX times at most: a page may pause and go on without an end."""
+        left = self.notes_left(session.id)
+        if left >= 0:
+            last = "" if left else f"; the last of {NOTES_MAX} that are kept"
+            await self.work(lambda: session.note(kind, detail + last, who))
+
+    def notes_left(self, session: int) -> int:
+        """Count something that a page may do without an end, and return how often more it is stored."""
+        self._notes[session] = self._notes.get(session, 0) + 1
+        return NOTES_MAX - self._notes[session]
 
     def notify(self) -> None:
         """Tell those who wait that something changed."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from fastapi import WebSocket
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, visible
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.session.session import Running, RunTally, Session
 from tactuator.experiment.session.studies import Correction
@@ -126,8 +126,9 @@ class OperatorPage:
             self.lab.tell(None)
         else:
             await self._give_up_run()
-        if there is not None and command.type != "clear-fault":
-            await self.lab.note(there, command.type, self.who)
+        session = None if there is None else self.lab.opened(there)
+        if session is not None and command.type != "clear-fault":
+            await self.lab.note(session, command.type, "by the operator", self.who)
 
     async def _give_up_run(self) -> None:
         session = None if self.lab.active is None else self.lab.opened(self.lab.active)
@@ -174,8 +175,9 @@ class OperatorPage:
     def _session(self, row: Found) -> dict[str, Any]:
         session = self.lab.opened(row.id)
         return {
-            **picked(row, *_OF_ROW, subject="subject_code", group="subject_group"),
-            "demographics": self.lab.facts.get(row.subject_id, {}),
+            **picked(row, *_OF_ROW, subject="subject_code"),
+            "group": visible(row.subject_group),
+            "demographics": {name: visible(text) for name, text in self.lab.facts.get(row.subject_id, {}).items()},
             "link": f"/s/{row.link_token}",
             "here": row.id in self.lab.tabs,
             **(_NOT_OPENED if session is None else _state(session)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import ssl
 import sys
@@ -12,18 +13,35 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import h11
 import uvicorn
 from fastapi import FastAPI
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, visible
 
 CONNECTIONS_MAX = 256
 """Open connections beyond which uvicorn answers new requests with 503."""
 MESSAGE_MAX_BYTES = 65536
+_HEAD_MAX_BYTES, _IDLE_S = 16384, 5
+"""Length of a request's head, and time that a connection without a request stays open after one."""
+_LINE_MAX_BYTES, _LINES_MAX = 8000, 100
+"""Below what `websockets` takes of a head: beyond its own bounds it neither answers nor closes."""
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+class _Http(H11Protocol):
+    """HTTP that refuses a connection to a page whose head is too long for it, instead of leaving it open."""
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        lines = [event.target, *(name + value for name, value in event.headers)]
+        if len(lines) > _LINES_MAX or max(map(len, lines)) > _LINE_MAX_BYTES:
+            self.send_400_response("The head of the request is too long.")
+        else:
+            super().handle_websocket_upgrade(event)
 
 
 class TrustedHosts(TrustedHostMiddleware):
@@ -109,9 +127,12 @@ class Address:
         """Return the configuration of a server of the application there. more: of uvicorn's own."""
         return uvicorn.Config(
             TrustedHosts(app, (self.host, *self.names)),
-            http="h11",
+            http=_Http,
             ws_max_size=MESSAGE_MAX_BYTES,
             limit_concurrency=CONNECTIONS_MAX,
+            h11_max_incomplete_event_size=_HEAD_MAX_BYTES,
+            timeout_keep_alive=_IDLE_S,
+            log_config=None,
             log_level="warning",
             ssl_certfile=self.certificate,
             ssl_keyfile=self.key,
@@ -133,6 +154,23 @@ class Address:
         return open_to if self.certificate else f"{open_to}; the connection is not encrypted"
 
 
+class _Visible(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return visible(super().format(record))
+
+
+def _log_visibly() -> None:
+    """Let the log show what a request may hold as escapes, and be silent on requests that are none."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Visible("%(levelname)s: %(message)s"))
+    handler.addFilter(lambda record: record.msg not in _NO_REQUEST)
+    logging.basicConfig(handlers=[handler], level=logging.WARNING)
+
+
+_NO_REQUEST = ("Invalid HTTP request received.",)
+"""What uvicorn logs of each request that is none: strangers may send any number."""
+
+
 def run_server(
     app: FastAPI,
     address: Address,
@@ -143,6 +181,7 @@ def run_server(
     """Serve an application until interrupted. lines: what standard error says first, given the beginning of every
     address.
     """
+    _log_visibly()
     written = [*lines(address.base_url(listening)), *filter(None, [address.warning])]
     sys.stderr.write("\n".join(written) + "\n")
     sys.stderr.flush()

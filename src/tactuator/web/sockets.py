@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from fastapi import WebSocket, WebSocketDisconnect
+from starlette.requests import HTTPConnection
 from starlette.websockets import WebSocketState
 
 from tactuator.errors import BadInput
@@ -55,7 +56,7 @@ async def first_to_end(*parts: Coroutine[Any, Any, None]) -> None:
             raise end
 
 
-def same_origin(socket: WebSocket) -> bool:
+def same_origin(socket: HTTPConnection) -> bool:
     """Return whether the page that connects came from this server; another site's page may not speak for its reader."""
     origin = socket.headers.get("origin")
     try:

@@ -4,11 +4,12 @@ import asyncio
 from collections.abc import Coroutine, Mapping
 from typing import Annotated, Any
 
-from fastapi import FastAPI, Query, Response, WebSocket
+from fastapi import FastAPI, Query, Request, Response, WebSocket
 
+from tactuator.experiment.store.records import Found
 from tactuator.web.lab import Lab
 from tactuator.web.operator import OperatorPage
-from tactuator.web.pages import answer_plainly, page, plain_text, static_file
+from tactuator.web.pages import HEADERS, answer_plainly, page, plain_text, static_file
 from tactuator.web.sockets import CLOSE_ABSENT, refuse, same_origin, who_is
 from tactuator.web.subject import SubjectTab
 
@@ -69,23 +70,29 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
     _add_connections(app, pages, {operators: "operator"} if isinstance(operators, str) else operators)
 
     @app.get("/s/{token}")
-    async def subject_page(token: str, participant: Annotated[str | None, Query(max_length=64)] = None) -> Response:
-        lab = pages.lab
-        if lab is None:
+    async def subject_page(token: str) -> Response:
+        if pages.lab is None:
             return plain_text(_NOTHING, 404)
-        if lab.by_token(token) is None and not lab.store.is_file:
-            await lab.refresh()  # enrolled at another station
-        row = lab.by_token(token)
+        row = await _session_of(pages.lab, token)
         if row is None:
-            return plain_text(lab.words("page.no_session"), 404)
-        words = (await lab.session(row)).task.words
-        if participant is not None:
-            who = f"subject {row.subject_code}"
-            theirs = await lab.change(who, lambda study: study.claim(row, participant))
-            await lab.refresh()
-            if not theirs:
-                return plain_text(words("page.other_participant"), 403)
+            return plain_text(pages.lab.words("page.no_session"), 404)
+        words = (await pages.lab.session(row)).task.words
         return page("subject", words, ("texts", "noise", "choices", "demonstration", "subject"))
+
+    @app.post("/s/{token}")
+    async def claim(request: Request, token: str, participant: Annotated[str, Query(max_length=64)]) -> Response:
+        """Keep what others call the subject. Not by GET, which mail scanners and previews of links use as well."""
+        lab = pages.lab
+        row = None if lab is None else await _session_of(lab, token)
+        if lab is None or row is None or not same_origin(request):
+            return plain_text(_NOTHING, 404)
+        if lab.notes_left(row.id) < 0:
+            return plain_text(lab.words("page.other_participant"), 403)
+        theirs = await lab.change(f"subject {row.subject_code}", lambda study: study.claim(row, participant))
+        await lab.refresh()
+        if not theirs:
+            return plain_text(lab.words("page.other_participant"), 403)
+        return Response(status_code=204, headers=HEADERS)
 
     @app.get("/operator")
     async def operator_page() -> Response:
@@ -93,6 +100,12 @@ def add_study_pages(app: FastAPI, pages: StudyPages, operators: str | Mapping[st
             return plain_text(_NOTHING, 404)
         parts = ("texts", "runs", "tables", "enrol", "operator_panel", "operator")
         return page("operator", pages.lab.words, parts)
+
+
+async def _session_of(lab: Lab, token: str) -> Found | None:
+    if lab.by_token(token) is None and not lab.store.is_file:
+        await lab.refresh()  # enrolled at another station
+    return lab.by_token(token)
 
 
 def _add_connections(app: FastAPI, pages: StudyPages, operators: Mapping[str, str]) -> None:

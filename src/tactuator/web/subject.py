@@ -245,7 +245,8 @@ class SubjectTab:
             self.lab.release(self.id)
             return
         stage = "paused" if message.type == "pause" else "stopped"
-        await self._work(lambda: session.note(message.type, f"by the subject, at {session.stage}"))
+        async with self._reporting():
+            await self.lab.note(session, message.type, f"by the subject, at {session.stage}")
         self.lab.calls[self.id] = self.lab.words(f"operator.subject_{stage}", subject=code)
         if stage == "stopped":
             self.lab.release(self.id)
@@ -254,7 +255,8 @@ class SubjectTab:
         while (await self._next_of(Ready)).stage != stage:
             pass  # what was said of another stage came late
         self.lab.calls.pop(self.id, None)
-        await self._work(lambda: session.note("resume", "by the subject"))
+        async with self._reporting():
+            await self.lab.note(session, "resume", "by the subject")
 
     async def _answer(self, session: Session, message: AnswerMessage, incoming: _Incoming) -> None:
         answer = records.Answer(

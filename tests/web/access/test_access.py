@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import socket
 import ssl
 import stat
@@ -146,6 +147,47 @@ def test_connections__beyond_the_limit__pages_refused_and_the_session_goes_on(la
             subject.send_json({"type": "pause"})
             assert until(subject, "stage")
         assert any(client.get("/").status == 200 for _ in range(100))  # once the server knows that they are gone
+
+
+ODD = [
+    b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n",
+    b"GET /" + b"a" * 20_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    b"GET /s/" + b"a" * 15_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    b"GET /s/%00%1b%5b2J%e2%80%ae HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nX: \x1b[2J\r\n\r\n",
+    b"GET / HTTP/1.1\r\nHost: [\r\n\r\n",
+    b"GET /ws/operator HTTP/1.1\r\nHost: localhost\r\n%s%s\r\n"
+    % ("".join(f"{name}: {value}\r\n" for name, value in UPGRADE.items()).encode(), b"X: y\r\n" * 200),
+    b"POST /s/token-S1 HTTP/1.1\r\nHost: localhost\r\nOrigin: http://[\r\n\r\n",
+    *(
+        b"GET /ws/%s HTTP/1.1\r\nHost: localhost\r\n%sOrigin: %s\r\n\r\n"
+        % (path, "".join(f"{name}: {value}\r\n" for name, value in UPGRADE.items()).encode(), origin)
+        for path in (b"operator", b"subject/" + b"a" * 9000, b"subject/token-S1")
+        for origin in (b"http://[", b"null", b"\xff\xfe", b"//", b"http://" + b"a" * 3000, b"http://localhost:99999999")
+    ),
+]
+
+
+def test_requests__malformed_or_oversized__are_refused_quietly(client, caplog, monkeypatch, capfd) -> None:
+    hear_all(monkeypatch)
+    serving._log_visibly()
+    for request in ODD:
+        with socket.create_connection(("127.0.0.1", client.port), timeout=10.0) as made:
+            made.sendall(request)
+            assert made.recv(20) != b"HTTP/1.1 500", request
+    for text in ("x" * 60_000, "\x00", "\u202e", ""):
+        with client.websocket_connect("/ws/operator") as operator, pytest.raises(ConnectionClosed, match="4003"):
+            operator.send_text(text)
+            until(operator, "never")
+    assert client.get("/").status == 200
+    quiet = [record for record in caplog.records if record.msg not in serving._NO_REQUEST]
+    assert quiet == []
+
+
+def test_log__of_what_a_request_holds__shows_controls_and_marks_as_escapes() -> None:
+    record = logging.LogRecord("uvicorn", logging.ERROR, "", 0, "\x1b[2J%s", ("\u202eexe",), None)
+    assert serving._Visible("%(message)s").format(record) == "\\u001b[2J\\u202eexe"
+    assert str(BadInput("two\nlines")) == "two\\nlines"
 
 
 def test_message__longer_than_the_bound__ends_its_connection(client) -> None:

@@ -11,9 +11,12 @@ function make(name, attributes = {}, ...content) {
 }
 
 // A connection that is opened again when it closes. take: called with every message. opened: called when it opens.
-// closed: called with the close code; returns whether to try again.
+// closed: called with the close code; returns whether to try again. first: a promise of whether to connect at all.
 class Link {
-  constructor(path, take, opened, closed) { Object.assign(this, { path, take, opened, closed }); this.connect(); }
+  constructor(path, take, opened, closed, first = Promise.resolve(true)) {
+    Object.assign(this, { path, take, opened, closed, socket: null });
+    first.then((yes) => yes && this.connect());
+  }
 
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -23,5 +26,5 @@ class Link {
     this.socket.onclose = (event) => { if (this.closed(event.code)) setTimeout(() => this.connect(), 500); };
   }
 
-  send(message) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message)); }
+  send(message) { if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message)); }
 }

@@ -9,6 +9,22 @@ const page = {
 const finished = () => page.stage === "done" || page.stage === "ended";
 const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
 
+// A link from another system names the participant: the server keeps it before the session opens.
+async function claimed() {
+  const participant = new URLSearchParams(location.search).get("participant");
+  if (participant === null) return true;
+  for (;;) {
+    const answer = await fetch(`?${new URLSearchParams({ participant })}`, { method: "POST" }).catch(() => ({ status: 503 }));
+    if (answer.status < 500) {
+      page.over = !answer.ok;
+      if (page.over) say(word("other_participant"));
+      return answer.ok;
+    }
+    banner(word("lost"));
+    await new Promise((wait) => setTimeout(wait, 500));
+  }
+}
+
 const link = new Link(
   `/ws/subject/${location.pathname.split("/").pop()}`,
   (message) => handlers[message.type] && handlers[message.type](message),
@@ -21,6 +37,7 @@ const link = new Link(
     banner(word("lost"));
     return true;
   },
+  claimed(),
 );
 
 const handlers = {
