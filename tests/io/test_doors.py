@@ -102,7 +102,7 @@ PRIVATE = {
     "pairs.csv": f"time_s,{SECRET}\n0,1\n1,2\n",
     "broken.toml": f"password = {SECRET}\n",
     "twice.toml": f"[{SECRET}]\n[{SECRET}]\n",
-    "key.toml": f'{SECRET} = {{ a = 1, a = 2 }}\n',
+    "key.toml": f"{SECRET} = {{ a = 1, a = 2 }}\n",
     "format.json": f'{{"format": "{SECRET}", "channels": {{"{SECRET}": 1}}}}',
     "model.json": f'{{"num": [1], "den": [1, 2], "{SECRET}": 3, "quantity": "{SECRET}"}}',
     "environment.json": f'{{"format": "tactuator-environment/1", "channels": {{"{SECRET}": "{SECRET}"}}}}',
@@ -121,7 +121,7 @@ NAMING = {
 def test_typed_display__that_names_a_private_file__repeats_none_of_it(tmp_path, key, name):
     (tmp_path / name).write_text(PRIVATE[name])
     plant = {"plant": f'"{name}"', "plants": f'["{name}"]'}.get(key, "{ num = [950.0], den = [1.0, 60.0, 1600.0] }")
-    head = "[display]\nname = \"a\"\nrate_hz = 4000.0\n" + NAMING[key].format(name)
+    head = '[display]\nname = "a"\nrate_hz = 4000.0\n' + NAMING[key].format(name)
     text = head + f'[[channel]]\nname = "thumb"\nplant = {plant}\n'
     with pytest.raises(BadInput) as refusal:
         ConsoleState().take_text(text, tmp_path)

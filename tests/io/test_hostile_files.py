@@ -54,7 +54,12 @@ record = partial(read_record, rate_hz=10.0)
         (read_model, "m.json", b'{"format": "tactuator-model/1"}', "; "),
         (read_responses, "r.h5", b"no", "; "),
         (read_pairs, "p.csv", b"", "no column displacement_mm, voltage_v"),
-        (read_pairs, "p.csv", b"displacement_mm,volts\n1,2\n", "no column voltage_v .2 columns, 1 rows.; expected displacement_mm"),
+        (
+            read_pairs,
+            "p.csv",
+            b"displacement_mm,volts\n1,2\n",
+            "no column voltage_v .2 columns, 1 rows.; expected displacement_mm",
+        ),
         (read_pairs, "p.csv", b"displacement_mm,voltage_v\n1,x\n", "voltage_v is 'x' in row 2"),
         (read_pairs, "p.csv", b"displacement_mm,voltage_v\n1,2\n1,nan\n", "row 3 has 1 mm and nan V; expected finite"),
         (read_contours, "c.csv", b"", "0 columns, 0 rows.; expected level_db_sl, frequency_hz, db_sl"),

@@ -75,7 +75,9 @@ def _sheet(noun: str, kind: str, path: Path, *needed: str) -> Iterator[_Sheet]:
         lacks = [name for name in needed if set(name.split(" or ")).isdisjoint(names)]
         if lacks or len(rows) < 2:  # none of its words: it may be any file
             of = f"{len(names)} columns, {max(len(rows) - 1, 0)} rows"
-            raise BadInput(f"no column {', '.join(lacks)} ({of})" if lacks else of, f"{', '.join(needed)}, a row or more")
+            raise BadInput(
+                f"no column {', '.join(lacks)} ({of})" if lacks else of, f"{', '.join(needed)}, a row or more"
+            )
         yield _Sheet(_head(table.remarks()), names, rows[1:])
 
 

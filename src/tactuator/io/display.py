@@ -219,7 +219,6 @@ def _threshold(keys: dict[str, Any], where: str, beside: Path) -> Threshold:
 
 def _strength(keys: dict[str, Any], where: str, beside: Path) -> Strength:
     contours = keys.get("contours")
-    with within(where, "contours"):
-        with named_file(beside / f"{contours}", "contours"):
-            resolved = read_contours(beside / contours) if isinstance(contours, str) else contours
+    with within(where, "contours"), named_file(beside / f"{contours}", "contours"):
+        resolved = read_contours(beside / contours) if isinstance(contours, str) else contours
     return from_table(Strength, keys | {"contours": resolved}, where)
