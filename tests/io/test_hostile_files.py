@@ -85,7 +85,7 @@ record = partial(read_record, rate_hz=10.0)
         (record, "r.csv", b"", "empty"),
         (record, "r.csv", b"t,u,y\n", "no rows"),
         (record, "r.csv", b"t,u,y\n1,2,3\n2,3\n", "row 2 has 2 of 3 columns; expected as many in each"),
-        (record, "r.csv", b"t,u,y\n1,2,3\n4,5,6\nthe end\n", "row 3 has 1 of 3 columns; expected '#' before lines"),
+        (record, "r.csv", b"t,u,y\n1,2,3\nthe end\n4,5,6\n", "row 2 has 1 of 3 columns; expected '#' before lines"),
         (record, "r.csv", b"t,u,y\n1,2,3\na,b,c\n4,5,6\n", "u is not a number in row 2 of 3"),
         (record, "r.mat", b"not a mat file at all", "cut short or spoilt .*; expected a whole file"),
         (record, "r.h5", b"not hdf5", "record"),

@@ -21,7 +21,9 @@ _COMPLEX = re.compile(
 )
 _NOTHING = {"", "nan", "-nan", "+nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "1.#qnan", "1.#ind"}
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[-+]\d\d:?\d\d)?")
-_STAMP = re.compile(r"\d[\d:/.\-]*\d([T ]\d[\d:.,]*)?Z?")
+_STAMP = re.compile(
+    r"(\d{1,4}[-/]\d{1,2}[-/]\d{1,4}|\d{1,2}\.\d{1,2}\.\d{2,4})?[T ]?(\d{1,2}:\d\d(:\d\d([.,:]\d+)?)?)? ?(Z|AM|PM)?"
+)
 POLAR, CARTESIAN = ("dB", "deg"), ("real", "imag")
 
 
@@ -46,6 +48,11 @@ def cell_value(cell: str) -> float | None:
     return None
 
 
+def is_empty(cell: str) -> bool:
+    """Return whether a cell has nothing, or a word for it."""
+    return cell.strip("'\" ").casefold() in _NOTHING
+
+
 def is_stamp(cell: str) -> bool:
     """Return whether a cell may be a date, or a time of day: neither a number nor a text."""
     return bool(_STAMP.fullmatch(cell.strip("'\" ")))
@@ -54,7 +61,7 @@ def is_stamp(cell: str) -> bool:
 def is_nearly_number(cell: str) -> bool:
     """Return whether a cell that is no number is written with the characters of one."""
     text = cell.strip("'\" ")
-    return bool(re.search(r"\d", text)) and bool(re.fullmatch(r"[-+\d.,'\u2019 eE]+", text))
+    return bool(re.search(r"\d", text) and re.fullmatch(r"[-+\d.,'\u2019 eE]+", text)) and not is_stamp(cell)
 
 
 def cell_pair(cell: str) -> tuple[float, float] | None:
@@ -73,7 +80,7 @@ def pair_units(cells: list[str]) -> tuple[str, str] | None:
 
     Raises BadInput where the cells may as well be numbers with thousands.
     """
-    given = [text for cell in cells if (text := cell.strip("'\" ")).casefold() not in _NOTHING]
+    given = [cell.strip("'\" ") for cell in cells if not is_empty(cell)]
     if not given or all(cell_value(cell) is not None for cell in given):
         return None
     if any(cell_pair(cell) is None and not _COMMA.fullmatch(cell) for cell in given):
@@ -99,8 +106,10 @@ def decimal_point(cell: str) -> str:
 
 
 def parts(line: str, delimiter: str | None) -> list[str]:
-    """Return the cells of a line. Raises BadInput for quotes that do not close."""
+    """Return the cells of a line; between blanks, without a remark at its end. Raises BadInput for an open quote."""
     line = line.strip("\r\n ") if delimiter == "\t" else line.strip()
+    if delimiter is None:
+        line = re.split(r"\s[!#]", line, maxsplit=1)[0]
     if '"' not in line:
         return [cell.strip() for cell in line.split(delimiter)]
     try:

@@ -84,6 +84,8 @@ def _read_text(path: Path) -> Columns:
     if last is not None:
         values = values[:-1]
         remarks = (f"the file ends within its last number ({last}, of too few digits): its row is left out",)
+    if table.footer:
+        remarks += (f"lines of text below the rows are left out: {table.footer!r}",)
     columns = {name: values[:, k] for k, name in enumerate(table.names)}
     return Columns(columns, units=table.units, cut=table.cut, remarks=remarks)
 

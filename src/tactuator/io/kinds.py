@@ -118,7 +118,7 @@ def _kind_of_text(path: Path, text: str) -> str | None:
     rows = [re.split(r"[,;\t]", line.lstrip("\ufeff")) for line in lines[:2]]
     cells = {cell.strip().strip("\"'").lower() for cell in rows[0]}
     kind = next((kind for kind, names in _COLUMNS if names <= cells), None)
-    if kind is None and not rows[0][0] and len(rows) > 1 and rows[1][0] in rows[0]:
+    if kind is None and not rows[0][0] and len(rows) > 1 and rows[1][0] in rows[0][1:]:
         return "matrix"
     if kind is not None or len(text) >= _HEAD:
         return kind

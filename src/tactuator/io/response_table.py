@@ -10,7 +10,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, unknown, within
-from tactuator.io.column_name import ColumnName, column_name, unit_of
+from tactuator.io.column_name import QUANTITIES, ColumnName, column_name, unit_of
 from tactuator.io.columns import Columns, read_columns
 from tactuator.io.kinds import require_kind
 from tactuator.signals.record import FrequencyResponse
@@ -101,7 +101,7 @@ def are_of_response(columns: Columns, asked: ResponseColumns = NO_NAMES) -> bool
     names = _described(columns)
     roles = {role_of(column) for column in names}
     if "frequency" not in roles:
-        return False
+        return {"real", "imaginary"} <= roles or ("phase" in roles and bool(roles & {"level", "magnitude"}))
     if roles & {"level", "magnitude", "real", "imaginary"}:
         return True
     has_time = any(column.unit.kind == "time" or column.has("time") or column.words == {"t"} for column in names)
@@ -122,12 +122,10 @@ def response_of(path: Path, columns: Columns, asked: ResponseColumns = NO_NAMES)
 
 
 def _described(columns: Columns) -> list[ColumnName]:
-    """Return the names of the columns that have numbers."""
-    return [
-        column_name(name, columns.units.get(name, ""))
-        for name, values in columns.values.items()
-        if values.size > 1 and np.isfinite(values).any()
-    ]
+    """Return the names of the columns that have numbers, or should have by their name."""
+    many = [name for name, values in columns.values.items() if values.size > 1]
+    names = [column_name(name, columns.units.get(name, "")) for name in many]
+    return [name for name in names if np.isfinite(columns.values[name.text]).any() or role_of(name)]
 
 
 class _Reader:
@@ -153,10 +151,12 @@ class _Reader:
         self._require_read(said.phase)
         deviation, assumed = self._deviation(hertz.size)
         about = {"file": file, "kind": "response"}
-        if quantity := said.columns[0].quantity:
-            about |= {"quantity": quantity, "unit": said.columns[0].unit.text}
-            if quantity != "displacement":
-                self.remarks.append(f"{said.columns[0].text!r} is read as a response of {quantity} (--quantity)")
+        main = said.columns[0]
+        if main.unit.kind in QUANTITIES:
+            about["unit"] = main.unit.text
+        if main.quantity not in ("", "displacement"):
+            about["quantity"] = main.quantity
+            self.remarks.append(f"{main.text!r} is read as a response of {main.quantity} (--quantity)")
         return self._assembled(hertz, said, deviation, about, assumed)
 
     def values(self, column: ColumnName) -> FloatArray:
@@ -232,7 +232,7 @@ class _Reader:
         values, unit = self.values(column), column.unit
         if unit.kind == "angle":
             return values * unit.factor
-        largest = float(np.nanmax(np.abs(values)))
+        largest = _largest(values)
         if 0.0 < largest <= _LEAST_TURN_DEG:
             got = f"the phase {column.text!r} has no unit and stays within {largest:.3g}: degrees or radians"
             raise BadInput(got, f"--phase {column.text + '=deg'!r} or --phase {column.text + '=rad'!r}")
@@ -324,12 +324,16 @@ class _Said:
         said, named = [], []
         for column in self.columns:
             if role_of(column) == "phase" and self.phase is not None and column.unit.kind != "angle":
-                largest = float(np.nanmax(np.abs(self.phase))) * 180.0 / np.pi
+                largest = _largest(np.degrees(self.phase))
                 said.append(f"the phase {column.text!r} has no unit and is read in degrees (it goes to {largest:.3g})")
             elif column.text.casefold() not in _PLAIN_NAMES:
                 unit = "dB" if _is_level(column) else column.unit.text
                 named.append(f"{column.text!r}{f' in {unit}' if unit else ''}")
         return [*([f"the response is read in {', '.join(named)}"] if named else []), *said]
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
 def _is_level(column: ColumnName) -> bool:

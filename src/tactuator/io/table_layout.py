@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from tactuator.errors import BadInput
-from tactuator.io.cells import cell_pair, cell_value, check_commas, is_comment, is_stamp, pair_units, parts
+from tactuator.io.cells import cell_pair, cell_value, check_commas, is_comment, is_empty, is_stamp, pair_units, parts
 from tactuator.io.column_name import column_name, is_units
 
 DELIMITERS = ("\t", ";", ",", None)
@@ -48,9 +48,7 @@ class Layout:
         return not line.isspace() and not is_comment(line, self.delimiter)
 
     def cells(self, line: str) -> list[str]:
-        """Return the cells of a line, without a remark at its end."""
-        if self.delimiter is None and ("!" in line or "#" in line):
-            line = re.split(r"\s[!#]", line, maxsplit=1)[0]
+        """Return the cells of a line."""
         return parts(line, self.delimiter)
 
 
@@ -117,8 +115,9 @@ def _rows(lines: Sequence[str], delimiter: str | None) -> Iterator[_Row]:
         if line.isspace() or is_comment(line, delimiter):
             continue
         cells = parts(line, delimiter)
-        numbers = sum(cell != "" and _is_number(cell) for cell in cells)
-        texts = sum(not _is_number(cell) and not is_stamp(cell) for cell in cells)
+        given = [cell for cell in cells if not is_empty(cell)]
+        numbers = sum(map(_is_number, given))
+        texts = sum(not _is_number(cell) and not is_stamp(cell) for cell in given)
         yield _Row(place, cells, numbers, texts)
 
 
@@ -132,7 +131,7 @@ def _start(rows: Sequence[_Row], width: int, usual: Sequence[int]) -> int | None
     """
     above: _Row | None = None
     for row in rows:
-        given = [row.cells[k] for k in usual if row.cells[k]] if len(row.cells) == width else []
+        given = [row.cells[k] for k in usual if not is_empty(row.cells[k])] if len(row.cells) == width else []
         numbers = [_is_number(cell) for cell in given]
         if given and numbers[0] and 2 * sum(numbers) > len(numbers):
             if above is not None and above.texts == 0 and above.numbers > 1:

@@ -39,12 +39,15 @@ codecs.register_error("tactuator-windows", _windows)
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Numbers of a text. values: (rows, columns); names, units: of the columns; cut: rows were left unread."""
+    """Numbers of a text. values: (rows, columns); names, units: of the columns; cut: rows were left unread; footer: the
+    first line of text below the rows.
+    """
 
     names: tuple[str, ...]
     values: FloatArray
     units: Mapping[str, str]
     cut: bool
+    footer: str = ""
 
 
 def read_table(path: Path, most_rows: int, most_values: int) -> Table:
@@ -64,12 +67,13 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
         if all(line.isspace() or is_comment(line, None) for line in lines):
             raise BadInput(f"it is empty, or remarks fill its first {_MOST_REMARKS} lines", "columns of numbers")
         layout = find_layout(lines, path.suffix.lower())
-        blocks, cut = ([], False) if layout is None else _Rows(stream, layout).numbers(most_rows, most_values)
-    table = np.concatenate(blocks) if blocks else np.zeros((0, 0))
-    if layout is None or table.shape[0] == 0:
-        raise BadInput("there are no rows of numbers in it", "columns of numbers")
+        if layout is None:
+            raise BadInput("there are no rows of numbers in it", "columns of numbers")
+        rows = _Rows(stream, layout)
+        blocks, cut = rows.numbers(most_rows, most_values)
+    table = np.concatenate(blocks)
     kept = [k for k, name in enumerate(layout.names) if not name.startswith("column") or np.isfinite(table[:, k]).any()]
-    return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut)
+    return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut, rows.footer)
 
 
 def _first_lines(stream: TextIO) -> list[str]:
@@ -135,6 +139,7 @@ class _Rows:
     def __init__(self, stream: TextIO, layout: Layout) -> None:
         self._stream = stream
         self._layout = layout
+        self.footer = ""
 
     def numbers(self, most_rows: int, most_values: int) -> tuple[list[FloatArray], bool]:
         """Return the rows in blocks, and True where some were left unread. What is no number is NaN. Raises BadInput
@@ -198,7 +203,17 @@ class _Rows:
             plain = [line.replace(",", ".") for line in lines] if self._layout.has_decimal_commas else lines
             with suppress(ValueError):
                 return np.loadtxt(plain, delimiter=self._layout.delimiter, ndmin=2, comments=None)
-        return np.array([self._row(line, number) for number, line in enumerate(lines, start=before + 1)])
+        rows: list[list[float]] = []
+        for place, line in enumerate(lines):
+            if self._is_text(line) and all(map(self._is_text, lines[place:])) and not self._stream.read(1):
+                self.footer = line.strip()[:40]
+                break
+            rows.append(self._row(line, before + place + 1))
+        return np.array(rows) if rows else np.zeros((0, 0))
+
+    def _is_text(self, line: str) -> bool:
+        cells = self._layout.cells(line)
+        return len(cells) != self._layout.width and all(cell_value(cell) is None for cell in cells)
 
     def _row(self, line: str, number: int) -> list[float]:
         """Return the numbers of a line. Raises BadInput for another number of cells than a row has, and for a cell of
