@@ -14,7 +14,7 @@ from tactuator.errors import BadInput
 from tactuator.io import text_table
 from tactuator.io.record import read_measured, read_record
 from tactuator.io.response_table import ResponseColumns, read_response
-from tactuator.signals.record import FrequencyResponse, Record
+from tactuator.signals.record import FrequencyResponse
 
 HERTZ = np.geomspace(10.0, 1000.0, 40)
 S = 2j * np.pi * HERTZ
@@ -62,65 +62,138 @@ ONE_OF_FOUR = {"magnitude": "S21 (magnitude)", "phase": "S21 (deg)"}
 
 RESPONSES = [
     Layout("spreadsheet", "frequency_hz,magnitude_db,phase_deg\n" + rows(HERTZ, DB, DEG)),
-    Layout("unit in brackets", "f [Hz],Magnitude [dB],phase (deg)\n" + rows(HERTZ, DB, DEG), said="'phase (deg)' in deg"),
+    Layout(
+        "unit in brackets", "f [Hz],Magnitude [dB],phase (deg)\n" + rows(HERTZ, DB, DEG), said="'phase (deg)' in deg"
+    ),
     Layout("unit behind a stroke", "Frequency/Hz;Gain/dB;Phase/\u00b0\n" + rows(HERTZ, DB, DEG, mark=";", comma=True)),
-    Layout("room acoustics", "* Measurement data\n* Source: card 3\n*\n* Freq(Hz) SPL(dB) Phase(degrees)\n"
-           + rows(HERTZ, DB, DEG, mark=" "), ".txt"),
+    Layout(
+        "room acoustics",
+        "* Measurement data\n* Source: card 3\n*\n* Freq(Hz) SPL(dB) Phase(degrees)\n" + rows(HERTZ, DB, DEG, mark=" "),
+        ".txt",
+    ),
     Layout("loudspeaker frd", rows(HERTZ, DB, DEG, mark="   "), ".frd"),
     Layout("loudspeaker zma", "* impedance\n" + rows(HERTZ, SIZE, DEG, mark="\t"), ".zma", said="ohm"),
     Layout("circuit simulator, polar", f"Freq.\tV(pos)\n{POLAR}\n", ".txt", encoding="latin-1"),
     Layout("circuit simulator, cartesian", f"Freq.\tV(pos)\n{PARTS}\n", ".txt"),
-    Layout("frequency response analyser", "Bode\nDevice: 100\n\nFrequency (Hz);Trace 1: Gain: Magnitude (dB);"
-           "Trace 1: Gain: Phase (\u00b0)\n" + rows(HERTZ, DB, DEG, mark=";", comma=True), encoding="utf-8-sig"),
-    Layout("analyser with a head", "---Setup---\nStart Frequency (Hz): 10\nProbe CH1: 10:1\n---\nFrequency (Hz),TR1: Gain "
-           "(Real),TR1: Gain (Imag),TR1: Gain (dB),TR2: Gain (Degree)\n" + rows(HERTZ, VALUE.real, VALUE.imag, DB, DEG)),
-    Layout("network analyser", "!CSV A.01\n!Date: 2024\nBEGIN CH1_DATA\nFreq(Hz),S21(DB),S21(DEG)\n"
-           + rows(HERTZ, DB, DEG) + "END\n", said="'END'"),
-    Layout("network analyser, parts", "freq[Hz];re:Trc1_S21;im:Trc1_S21;\n"
-           + rows(HERTZ, VALUE.real, VALUE.imag, mark=";", end=";\n")),
-    Layout("touchstone, one port", "! made by\n# Hz S RI R 50\n" + rows(HERTZ, VALUE.real, VALUE.imag, mark=" "), ".s1p"),
+    Layout(
+        "frequency response analyser",
+        "Bode\nDevice: 100\n\nFrequency (Hz);Trace 1: Gain: Magnitude (dB);"
+        "Trace 1: Gain: Phase (\u00b0)\n" + rows(HERTZ, DB, DEG, mark=";", comma=True),
+        encoding="utf-8-sig",
+    ),
+    Layout(
+        "analyser with a head",
+        "---Setup---\nStart Frequency (Hz): 10\nProbe CH1: 10:1\n---\nFrequency (Hz),TR1: Gain "
+        "(Real),TR1: Gain (Imag),TR1: Gain (dB),TR2: Gain (Degree)\n" + rows(HERTZ, VALUE.real, VALUE.imag, DB, DEG),
+    ),
+    Layout(
+        "network analyser",
+        "!CSV A.01\n!Date: 2024\nBEGIN CH1_DATA\nFreq(Hz),S21(DB),S21(DEG)\n" + rows(HERTZ, DB, DEG) + "END\n",
+        said="'END'",
+    ),
+    Layout(
+        "network analyser, parts",
+        "freq[Hz];re:Trc1_S21;im:Trc1_S21;\n" + rows(HERTZ, VALUE.real, VALUE.imag, mark=";", end=";\n"),
+    ),
+    Layout(
+        "touchstone, one port", "! made by\n# Hz S RI R 50\n" + rows(HERTZ, VALUE.real, VALUE.imag, mark=" "), ".s1p"
+    ),
     Layout("touchstone, kHz", "# kHz S DB R 50\n" + rows(HERTZ / 1e3, DB, DEG, mark=" ", end=" ! n\n"), ".s1p"),
-    Layout("touchstone, two ports", "# Hz S MA R 50\n" + FOUR, ".s2p", words="4 columns may be the phase: 'S11.*--phase"),
+    Layout(
+        "touchstone, two ports", "# Hz S MA R 50\n" + FOUR, ".s2p", words="4 columns may be the phase: 'S11.*--phase"
+    ),
     Layout("touchstone, named", "# Hz S MA R 50\n" + FOUR, ".s2p", ONE_OF_FOUR, said="not read: 'S11"),
     Layout("no names", rows(HERTZ, DB, DEG, mark="\t"), ".txt", words="which column is which"),
-    Layout("no names, but options", rows(HERTZ, DB, DEG, mark="\t"), ".dat",
-           {"frequency": "column1=Hz", "magnitude": "column2=dB", "phase": "column3=deg"}),
-    Layout("laboratory program", "X_Value\tMagnitude (dB)\tPhase (deg)\n" + rows(HERTZ, DB, DEG, mark="\t", comma=True),
-           ".lvm", words="no frequency among .*--frequency NAME"),
-    Layout("laboratory program, named", "X_Value\tMagnitude (dB)\tPhase (deg)\tComment\n" + rows(HERTZ, DB, DEG, mark="\t"),
-           ".lvm", {"frequency": "X_Value"}),
+    Layout(
+        "no names, but options",
+        rows(HERTZ, DB, DEG, mark="\t"),
+        ".dat",
+        {"frequency": "column1=Hz", "magnitude": "column2=dB", "phase": "column3=deg"},
+    ),
+    Layout(
+        "laboratory program",
+        "X_Value\tMagnitude (dB)\tPhase (deg)\n" + rows(HERTZ, DB, DEG, mark="\t", comma=True),
+        ".lvm",
+        words="no frequency among .*--frequency NAME",
+    ),
+    Layout(
+        "laboratory program, named",
+        "X_Value\tMagnitude (dB)\tPhase (deg)\tComment\n" + rows(HERTZ, DB, DEG, mark="\t"),
+        ".lvm",
+        {"frequency": "X_Value"},
+    ),
     Layout("complex in a script's words", f"f,H\n{PYTHON}\n"),
     Layout("complex in brackets", f"% f H\n{OCTAVE}\n", ".dat"),
     Layout("degrees without a unit", "Frequency,Magnitude,Phase\n" + rows(HERTZ, SIZE, DEG), said="no unit.*degrees"),
-    Layout("radians without a unit", "Frequency,Magnitude,Phase\n" + rows(HERTZ, SIZE, RAD),
-           words="'Phase' has no unit and stays within .*--phase 'Phase=deg' or --phase 'Phase=rad'"),
+    Layout(
+        "radians without a unit",
+        "Frequency,Magnitude,Phase\n" + rows(HERTZ, SIZE, RAD),
+        words="'Phase' has no unit and stays within .*--phase 'Phase=deg' or --phase 'Phase=rad'",
+    ),
     Layout("radians, said", "Frequency,Magnitude,Phase\n" + rows(HERTZ, SIZE, RAD), columns={"phase": "Phase=rad"}),
     Layout("up and down", "frequency_hz,magnitude_db,phase_deg\n" + BOTH, said="40 of 40 frequencies come 2 times"),
     Layout("from 0 Hz", "frequency_hz,magnitude_db,phase_deg\n0,-3,0\n" + rows(HERTZ, DB, DEG), said="1 row of 0 Hz"),
-    Layout("coherence", "Freq,Gain dB,Phase deg,Coherence\n" + rows(HERTZ, DB, DEG, 0 * HERTZ + 0.99), said="coherence"),
+    Layout(
+        "coherence", "Freq,Gain dB,Phase deg,Coherence\n" + rows(HERTZ, DB, DEG, 0 * HERTZ + 0.99), said="coherence"
+    ),
     Layout("angular frequency", "omega (rad/s),|H| (dB),arg(H) (rad)\n" + rows(2 * np.pi * HERTZ, DB, RAD)),
-    Layout("kilohertz", "frequency (kHz)\tgain\tphase (rad)\n" + rows(HERTZ / 1e3, SIZE, RAD, mark="\t"), ".tsv",
-           encoding="utf-16"),
+    Layout(
+        "kilohertz",
+        "frequency (kHz)\tgain\tphase (rad)\n" + rows(HERTZ / 1e3, SIZE, RAD, mark="\t"),
+        ".tsv",
+        encoding="utf-16",
+    ),
     Layout("a row of units", "Frequency,Gain,Phase\nHz,dB,deg\n\n" + rows(HERTZ, DB, DEG)),
-    Layout("vibrometer", "Frequency [ Hz ]\tMagnitude [ (m/s)/V ]\tPhase [ \u00b0 ]\n" + rows(HERTZ, SIZE, DEG, mark="\t"),
-           ".txt", said="response of velocity", quantity="velocity"),
-    Layout("phase by another name", "frequency_hz,magnitude_db,Gang\n" + rows(HERTZ, DB, DEG),
-           words="not read: 'Gang'.*--phase 'Gang' if it is the phase, or --ignore 'Gang'"),
-    Layout("phase with units in its cells", "frequency_hz,magnitude_db,phase_deg\n"
-           + rows(HERTZ, DB, DEG, end="\u00b0\n"), words="phase is missing at 40 of 40"),
-    Layout("two traces", "f (Hz),CH1 (dB),CH1 (deg),CH2 (dB),CH2 (deg)\n" + rows(HERTZ, 0 * DB, 0 * DEG, DB, DEG),
-           words="2 columns may be the phase: 'CH1"),
-    Layout("two traces, named", "f (Hz),CH1 (dB),CH1 (deg),CH2 (dB),CH2 (deg)\n" + rows(HERTZ, 0 * DB, 0 * DEG, DB, DEG),
-           columns={"magnitude": "CH2 (dB)", "phase": "CH2 (deg)"}, said="not read: 'CH1"),
-    Layout("parts and levels that differ", "f (Hz),real,imag,gain (dB)\n" + rows(HERTZ, VALUE.real, VALUE.imag, DB + 6),
-           words="'real', 'imag' and 'gain .dB.' say the response differently.*--real"),
-    Layout("thousands", "frequency_hz;magnitude_db;phase_deg\n" + rows(HERTZ, DB, DEG, mark=";", comma=True)
-           + "1.234,5;-40,0;-90,0\n", words="'1.234,5' in row 41 of frequency_hz is no number"),
-    Layout("a unit that contradicts", "a (s),b (dB),c (deg)\n" + rows(HERTZ, DB, DEG), columns={"frequency": "a (s)"},
-           words="'a .s.', named as frequency, is in s"),
-    Layout("coherence in percent", "freq,gain_db,phase_deg,coherence\n" + rows(HERTZ, DB, DEG, 0 * DB + 99.0),
-           words="'coherence' goes from 99 to 99; expected 0 to 1"),
-]  # fmt: skip
+    Layout(
+        "vibrometer",
+        "Frequency [ Hz ]\tMagnitude [ (m/s)/V ]\tPhase [ \u00b0 ]\n" + rows(HERTZ, SIZE, DEG, mark="\t"),
+        ".txt",
+        said="response of velocity",
+        quantity="velocity",
+    ),
+    Layout(
+        "phase by another name",
+        "frequency_hz,magnitude_db,Gang\n" + rows(HERTZ, DB, DEG),
+        words="not read: 'Gang'.*--phase 'Gang' if it is the phase, or --ignore 'Gang'",
+    ),
+    Layout(
+        "phase with units in its cells",
+        "frequency_hz,magnitude_db,phase_deg\n" + rows(HERTZ, DB, DEG, end="\u00b0\n"),
+        words="phase is missing at 40 of 40",
+    ),
+    Layout(
+        "two traces",
+        "f (Hz),CH1 (dB),CH1 (deg),CH2 (dB),CH2 (deg)\n" + rows(HERTZ, 0 * DB, 0 * DEG, DB, DEG),
+        words="2 columns may be the phase: 'CH1",
+    ),
+    Layout(
+        "two traces, named",
+        "f (Hz),CH1 (dB),CH1 (deg),CH2 (dB),CH2 (deg)\n" + rows(HERTZ, 0 * DB, 0 * DEG, DB, DEG),
+        columns={"magnitude": "CH2 (dB)", "phase": "CH2 (deg)"},
+        said="not read: 'CH1",
+    ),
+    Layout(
+        "parts and levels that differ",
+        "f (Hz),real,imag,gain (dB)\n" + rows(HERTZ, VALUE.real, VALUE.imag, DB + 6),
+        words="'real', 'imag' and 'gain .dB.' say the response differently.*--real",
+    ),
+    Layout(
+        "thousands",
+        "frequency_hz;magnitude_db;phase_deg\n" + rows(HERTZ, DB, DEG, mark=";", comma=True) + "1.234,5;-40,0;-90,0\n",
+        words="'1.234,5' in row 41 of frequency_hz is no number",
+    ),
+    Layout(
+        "a unit that contradicts",
+        "a (s),b (dB),c (deg)\n" + rows(HERTZ, DB, DEG),
+        columns={"frequency": "a (s)"},
+        words="'a .s.', named as frequency, is in s",
+    ),
+    Layout(
+        "coherence in percent",
+        "freq,gain_db,phase_deg,coherence\n" + rows(HERTZ, DB, DEG, 0 * DB + 99.0),
+        words="'coherence' goes from 99 to 99; expected 0 to 1",
+    ),
+]
 
 
 @pytest.mark.parametrize("layout", RESPONSES, ids=lambda layout: layout.name)
@@ -139,41 +212,75 @@ def test_response__as_an_instrument_writes_it__is_read_or_refused_with_what_to_w
     assert read.about.get("quantity") == layout.quantity
 
 
+PLAIN = rows(TIME, COMMAND, POSITION)
+
+
+def record_rows(**more: Any) -> str:
+    return rows(TIME, COMMAND, POSITION, **more)
+
+
 RECORDS = [
-    Layout("spreadsheet", "time_s,command_v,position_v\n" + rows(TIME, COMMAND, POSITION)),
-    Layout("spreadsheet, decimal commas", "Zeit;Eingang;Weg\n" + rows(TIME, COMMAND, POSITION, mark=";", comma=True),
-           columns={"time_name": "Zeit", "input_name": "Eingang=V", "output_name": "Weg=mm"}),
-    Layout("laboratory program", "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\t\n"
-           "Channels\t2\nSamples\t200\t200\nX0\t0,0\t0,0\n***End_of_Header***\t\nX_Value\tCommand\tPosition\tComment\n"
-           + rows(TIME, COMMAND, POSITION, mark="\t", comma=True), ".lvm"),
-    Layout("oscilloscope, units below", "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n" + rows(TIME * 1e3, COMMAND, POSITION)),
-    Layout("oscilloscope, units alone", "Model,X\nRecord Length,200\nSecond,Volt,Volt\n" + rows(TIME, COMMAND, POSITION)),
-    Layout("oscilloscope, numbered", "x-axis,1,2\nsecond,Volt,Volt\n" + rows(TIME, COMMAND, POSITION, form="{:+.9E}")),
-    Layout("oscilloscope, spare comma", "Model,MSO\nFirmware,1.2\n\nTIME,CH1,CH2\n" + rows(TIME, COMMAND, POSITION, end=",\n")),
-    Layout("circuit simulator", "time\tV(cmd)\tV(pos)\n" + rows(TIME, COMMAND, POSITION, mark="\t"), ".txt"),
-    Layout("logic analyser", "Time [s],Channel 0,Channel 1\n" + rows(TIME, COMMAND, POSITION)),
-    Layout("names in a remark", "# bench of Monday\n# time,u,y\n" + rows(TIME, COMMAND, POSITION)),
-    Layout("semicolons before remarks", "; a rig\n; t u y\n" + rows(TIME, COMMAND, POSITION, mark=" "), ".log"),
-    Layout("aligned with blanks", "   t      u     y\n" + rows(TIME, COMMAND, POSITION, mark="   ", form="{:14.8f}"), ".prn"),
-    Layout("an empty first cell", "time;command;position;\n" + rows(TIME, COMMAND, POSITION, mark=";", end=";\n")),
-    Layout("names in quotes", '"time_s","command_v","position_v"\r\n' + rows(TIME, COMMAND, POSITION, end="\r\n")),
-    Layout("stamps with a date", "stamp,command,position\n" + "".join(
-        f"2024-05-01T12:00:00.{round(t * 1e6):06d},{u:.9g},{y:.9g}\n"
-        for t, u, y in zip(TIME, COMMAND, POSITION, strict=True)), columns={"time_name": "stamp"}),
-    Layout("a second position", "t,command_v,position_v,position2_v\n" + rows(TIME, COMMAND, POSITION, POSITION[::-1]),
-           said="not read: 'position2_v'"),
-    Layout("velocity", "time_s,command_v,velocity_mm_s\n" + rows(TIME, COMMAND, POSITION), quantity="velocity",
-           said="'velocity_mm_s' is read as velocity"),
-    Layout("accelerometer", "time_s,current_A,acc (g)\n" + rows(TIME, COMMAND, POSITION), quantity="acceleration",
-           said="is read as acceleration"),
-    Layout("grams", "time_s,command_v,load (g)\n" + rows(TIME, COMMAND, POSITION), words="may be in grams.*=g'"),
-    Layout("a unit that contradicts", "clock (V),u,y\n" + rows(TIME, COMMAND, POSITION), columns={"time_name": "clock (V)"},
-           words="'clock .V.', named as time, is in V"),
+    Layout("spreadsheet", "time_s,command_v,position_v\n" + PLAIN),
+    Layout(
+        "spreadsheet, decimal commas",
+        "Zeit;Eingang;Weg\n" + record_rows(mark=";", comma=True),
+        columns={"time": "Zeit", "input": "Eingang=V", "output": "Weg=mm"},
+    ),
+    Layout(
+        "laboratory program",
+        "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\t\n"
+        "Channels\t2\nSamples\t200\t200\nX0\t0,0\t0,0\n***End_of_Header***\t\nX_Value\tCommand\tPosition\tComment\n"
+        + record_rows(mark="\t", comma=True),
+        ".lvm",
+    ),
+    Layout(
+        "oscilloscope, units below", "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n" + rows(TIME * 1e3, COMMAND, POSITION)
+    ),
+    Layout("oscilloscope, units alone", "Model,X\nRecord Length,200\nSecond,Volt,Volt\n" + PLAIN),
+    Layout("oscilloscope, numbered", "x-axis,1,2\nsecond,Volt,Volt\n" + record_rows(form="{:+.9E}")),
+    Layout("oscilloscope, spare comma", "Model,MSO\nFirmware,1.2\n\nTIME,CH1,CH2\n" + record_rows(end=",\n")),
+    Layout("circuit simulator", "time\tV(cmd)\tV(pos)\n" + record_rows(mark="\t"), ".txt"),
+    Layout("logic analyser", "Time [s],Channel 0,Channel 1\n" + PLAIN),
+    Layout("names in a remark", "# bench of Monday\n# time,u,y\n" + PLAIN),
+    Layout("semicolons before remarks", "; a rig\n; t u y\n" + record_rows(mark=" "), ".log"),
+    Layout("aligned with blanks", "   t      u     y\n" + record_rows(mark="   ", form="{:14.8f}"), ".prn"),
+    Layout("an empty first cell", "time;command;position;\n" + record_rows(mark=";", end=";\n")),
+    Layout("names in quotes", '"time_s","command_v","position_v"\r\n' + record_rows(end="\r\n")),
+    Layout(
+        "stamps with a date",
+        "stamp,command,position\n"
+        + "".join(
+            f"2024-05-01T12:00:00.{round(t * 1e6):06d},{u:.9g},{y:.9g}\n"
+            for t, u, y in zip(TIME, COMMAND, POSITION, strict=True)
+        ),
+        columns={"time": "stamp"},
+    ),
+    Layout(
+        "a second position",
+        "t,command_v,position_v,position2_v\n" + rows(TIME, COMMAND, POSITION, POSITION[::-1]),
+        said="not read: 'position2_v'",
+    ),
+    Layout(
+        "velocity",
+        "time_s,command_v,velocity_mm_s\n" + PLAIN,
+        quantity="velocity",
+        said="'velocity_mm_s' is read as velocity",
+    ),
+    Layout(
+        "accelerometer", "time_s,current_A,acc (g)\n" + PLAIN, quantity="acceleration", said="is read as acceleration"
+    ),
+    Layout("grams", "time_s,command_v,load (g)\n" + PLAIN, words="may be in grams.*=g'"),
+    Layout(
+        "a unit that contradicts",
+        "clock (V),u,y\n" + PLAIN,
+        columns={"time": "clock (V)"},
+        words="'clock .V.', named as time, is in V",
+    ),
     Layout("four columns", "a,b,c,d\n" + rows(TIME, COMMAND, POSITION, COMMAND), words="which column is which"),
-    Layout("names for fewer", "time,u\n" + rows(TIME, COMMAND, POSITION), words="2 names over 3 columns"),
-    Layout("a row cut short", "t,u,y\n1,2\n" + rows(TIME, COMMAND, POSITION), words="row 1 has 2 of 3 columns"),
+    Layout("names for fewer", "time,u\n" + PLAIN, words="2 names over 3 columns"),
+    Layout("a row cut short", "t,u,y\n1,2\n" + PLAIN, words="row 1 has 2 of 3 columns"),
     Layout("no numbers", "a letter\nto somebody, of words\n", ".txt", words="no rows of numbers"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("layout", RECORDS, ids=lambda layout: layout.name)
@@ -193,9 +300,11 @@ def test_record__as_an_instrument_writes_it__is_read_or_refused_with_what_to_wri
 def test_units__of_a_record__are_taken_from_names_rows_and_options(tmp_path: Path) -> None:
     units = {layout.name: layout for layout in RECORDS}
     for name, expected in {
-        "spreadsheet, decimal commas": ("V", "mm"), "oscilloscope, units below": ("V", "mV"), "accelerometer": ("A", "g"),
+        "spreadsheet, decimal commas": ("V", "mm"),
+        "oscilloscope, units below": ("V", "mV"),
+        "accelerometer": ("A", "g"),
         "velocity": ("V", "mm/s"),
-    }.items():  # fmt: skip
+    }.items():
         layout = units[name]
         read = read_record(layout.path(tmp_path), **layout.columns)
         assert (read.command_unit, read.position_unit) == expected
@@ -276,8 +385,7 @@ def test_response__in_a_drawn_layout__has_its_numbers_or_is_refused(tmp_path_fac
     path.write_bytes((end.join(lines) + end + body).encode(draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16"]))))
     try:
         read = read_measured(path)
-    except BadInput as refusal:
-        assert "\n" not in str(refusal)
+    except BadInput:
         return
     assert isinstance(read, FrequencyResponse)
     np.testing.assert_allclose(read.frequency_hz, HERTZ, rtol=1e-6)

@@ -170,7 +170,7 @@ def _names(
     units: tuple[str, ...] = ()
     is_nearest = True
     for line in reversed(head):
-        if line.isspace():
+        if not re.search(r"\w|\u00b0", line):
             continue
         is_remark = is_comment(line, delimiter)
         for number, cells in enumerate(_headings(line, delimiter, is_remark)):
