@@ -46,10 +46,15 @@ class Placement:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A threshold, dB SL of the display, with its standard error where the procedure has one (else None)."""
+    """A threshold, dB SL of the display.
+
+    standard_error_db: None where the procedure has none. reversal_spread_db: standard deviation of the levels that a
+    track averages, which follow from each other: it is no error of their mean.
+    """
 
     level_db_sl: float
     standard_error_db: float | None
+    reversal_spread_db: float | None = None
 
 
 @dataclass(frozen=True)

@@ -186,14 +186,11 @@ class Tracks(Runs):
         self._level = np.clip(wanted, rule.floor_db_sl, rule.ceiling_db_sl)
 
     def estimate(self, run: int = 0) -> Estimate | None:
-        """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before it has them.
-
-        The standard error is the levels' standard deviation over the root of their number.
-        """
+        """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before it has them."""
         if self.reversals[run] < self.rule.reversals:
             return None
         levels = self.reversal_db_sl[run, -self.rule.averaged :]
         if self.rule.average == "mid-runs":
             levels = 0.5 * (levels[:-1] + levels[1:])[::2]
-        error = float(np.std(levels, ddof=1) / np.sqrt(levels.size)) if levels.size > 1 else None
-        return Estimate(float(np.mean(levels)), error)
+        spread = float(np.std(levels, ddof=1)) if levels.size > 1 else None
+        return Estimate(float(np.mean(levels)), None, spread)

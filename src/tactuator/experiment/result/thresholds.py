@@ -54,6 +54,7 @@ class MeasuredThreshold:
     point: float
     own_db_sl: float | None
     own_standard_error_db: float | None
+    reversal_spread_db: float | None
     refit_db_sl: float
     refit_sd_db: float
     refit_low_db_sl: float
@@ -270,6 +271,7 @@ def _threshold(
         point=run.protocol.procedure.point,
         own_db_sl=None if estimate is None else estimate.level_db_sl,
         own_standard_error_db=None if estimate is None else estimate.standard_error_db,
+        reversal_spread_db=None if estimate is None else estimate.reversal_spread_db,
         **vars(at),
         delivered_db=gain.offset_db,
         delivered_sd_db=gain.sd_db,
