@@ -15,6 +15,7 @@ from sqlalchemy import update
 from tactuator.errors import BadInput
 from tactuator.experiment.export import FORMS, cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
+from tactuator.experiment.protocol.study import Demographic
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store import schema
@@ -129,9 +130,10 @@ def test_tidy__tables__say_simulated_leave_out_who_withdrew_and_execute_nothing(
             gap_s = float(second["onset_s"]) - float(first["onset_s"]) - float(first["duration_s"])
             assert gap_s == pytest.approx(0.01, abs=1 / 4000)
     assert {row["experimenter"] for row in rows(tidy / "trials.csv")} == {"'=1+1"}
-    for text in ("=A1", "+1", "-2+3", "@SUM(A1)", "\tx", "\rx"):
+    for text in ("=A1", "+1", "-2+3", "@SUM(A1)", "\tx", "\rx", "\n=1", " =1+1", "\uff1dA1", "-1E5x", "-"):
         assert cell(text) == f"'{text}"
     assert [cell(-3.5), cell(None), cell("plain")] == [-3.5, "", "plain"]
+    assert [cell("-5"), cell("-1.5E-3"), cell("1-2")] == ["-5", "-1.5E-3", "1-2"]
 
 
 def posterior_by_hand(levels, correct, settings):
@@ -281,3 +283,40 @@ def test_export__one_study_cannot_be_refitted__keeps_its_trials_and_leaves_the_o
     without = tables_of(tmp_path / "tidy", "broken")["thresholds"]
     assert [row["flags"] for row in without] == (["no-refit"] if change in AT_CHANCE.values() else [])
     assert not any(row["refit_db_sl"] for row in without)
+
+
+FACTS = """
+[[demographic]]
+name = "pta"
+label = "Hearing level"
+kind = "number"
+[[demographic]]
+name = "note"
+label = "Note"
+"""
+
+
+def test_subjects__facts_of_any_content__have_the_types_of_their_items(tmp_path) -> None:
+    """Numbers are numbers however they were typed, and what is text stays text that nothing executes."""
+    given = [("-5", "-5 dB"), ("0,5", "=1+1"), ("\u0663\u0665", "007"), ("1e2", "a,b"), ("-0.125", 'a "b"')]
+    people = "".join(f'[[subject]]\ncode = "P{at}"\n' for at in range(len(given)))
+    text = ONE_SUBJECT[: ONE_SUBJECT.index("[[subject]]")] + people + FACTS
+    with closing(Store(tmp_path / "lab.db")) as store:
+        study = opened_study(store, ObedientClock(), text)
+        for at, (number, note) in enumerate(given):
+            with study.editing() as opened:
+                opened.correct(f"P{at}", Correction(facts={"pta": number, "note": note}), "as noted")
+        begin(store, ObedientClock(), text, trials=1)
+        export(store, tmp_path / "tidy", "tidy")
+    table = rows(tmp_path / "tidy" / "subjects.csv")
+    assert [row["pta"] for row in table] == ["-5", "0.5", "35", "100", "-0.125"]
+    assert [row["note"] for row in table] == ["'-5 dB", "'=1+1", "007", "a,b", 'a "b"']
+    after = [row["after"] for row in rows(tmp_path / "tidy" / "events.csv") if row["item"] == "pta"]
+    assert after == ["-5", "0.5", "35", "100", "-0.125"]
+
+
+@pytest.mark.parametrize("typed", ["1,234", "0,5,1", "1_000", "1 000", "nan", "inf", "5dB", ""])
+def test_fact__no_number_or_one_with_two_meanings__is_refused_by_its_name(typed) -> None:
+    with pytest.raises(BadInput) as refused:
+        Demographic(name="pta", label="Hearing level", kind="number").take(typed)
+    assert "pta" in (refused.value.key, *refused.value.where)

@@ -3,6 +3,8 @@
 How long an Escape takes is told by `witnesses.stop.escape`: a time on a machine that does other work tells nothing.
 """
 
+from contextlib import closing
+
 import pytest
 
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
@@ -118,6 +120,7 @@ def test_operator__correction_and_refusal__say_what_was_changed_and_stay_to_be_r
     page.locator("#banner", has_text="Refused: S1 is enrolled already").wait_for()
     page.wait_for_timeout(1500)  # the page is sent anew every second
     assert page.locator("#banner").is_visible()
+    assert page.locator("#enrol-form [name=code]").input_value() == "S1"  # nothing typed is lost
     page.locator("[data-day=S1]").click()
     form = page.locator("form.day").nth(1)
     form.locator("button").click()
@@ -128,6 +131,25 @@ def test_operator__correction_and_refusal__say_what_was_changed_and_stay_to_be_r
     form.locator("button").click()
     changed = {"type": "correct", "subject": "S1", "reason": "asked again", "group": "hearing", "demographics": {}}
     assert page.evaluate("said") == [changed]
+
+
+@pytest.mark.parametrize("locale", ["en-US", "de-DE", "fr-FR", "he-IL", "ar-EG"])
+def test_operator__number_typed_with_a_comma__is_sent_as_it_was_typed_in_any_language(shared, browser, locale) -> None:
+    with closing(browser.new_context(locale=locale, bypass_csp=True)) as context:
+        page = context.new_page()
+        page.goto(shared.addresses["operator"])
+        page.locator("[data-day=S1]").click()
+        page.evaluate("() => { window.said = []; link.send = (message) => { said.push(message); }; }")
+        form = page.locator("form.day").first
+        for name, text in (("skin_temperature_c", "31,5"), ("preload_n", "0,5")):
+            form.locator(f"[name={name}]").click()
+            page.keyboard.press("ControlOrMeta+A")
+            page.keyboard.type(text)
+        form.locator("button").click()
+        [message] = page.evaluate("said")
+        assert {name: message[name] for name in ("skin_temperature_c", "preload_n")} == {
+            "skin_temperature_c": "31,5", "preload_n": "0,5",
+        }  # fmt: skip
 
 
 def test_demonstration__of_a_subject_who_pauses__is_silent(start, browser) -> None:

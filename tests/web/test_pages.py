@@ -72,6 +72,18 @@ def test_operator__second__looks_on_until_control_is_taken(client) -> None:
             pass
 
 
+@pytest.mark.parametrize("typed", ["0,5", "0.5", "\u0660\u066b\u0665", "\uff10.\uff15", " .5 "])
+def test_operator__number_of_a_form_or_a_code__is_stored_as_it_was_meant_and_doubts_are_said(client, lab, typed) -> None:
+    with joined(client, "operator") as socket:
+        socket.send_json({"type": "day", "session": 1, "preload_n": typed})
+        assert until(socket, "done")["message"] == ""
+        assert rows_of(lab.store, select(schema.session.c.preload_n).where(schema.session.c.id == 1)) == [(0.5,)]
+        socket.send_json({"type": "enrol", "code": "s1"})
+        assert until(socket, "done")["message"] == "s1 is enrolled. s1 is mixed with S1 by other programs"
+        socket.send_json({"type": "enrol", "code": "1E5"})
+        assert "1E5 is the number 100000 to spreadsheets" in until(socket, "done")["message"]
+
+
 def test_operator__nonsense_or_a_clock_that_jumps__is_refused_or_noted(client, lab) -> None:
     with joined(client, "operator") as socket:
         for command, message in (
@@ -80,6 +92,8 @@ def test_operator__nonsense_or_a_clock_that_jumps__is_refused_or_noted(client, l
             ({"type": "start", "session": 2**63}, "command"),
             ({"type": "day", "session": 99}, "not of this study"),
             ({"type": "day", "session": 1, "skin_temperature_c": 99.0}, "skin_temperature_c"),
+            ({"type": "day", "session": 1, "preload_n": "1,234"}, "thousands"),
+            ({"type": "day", "session": 1, "preload_n": "0,5 N"}, "a number"),
             ({"type": "enrol", "code": "S 9"}, "code"),
             ({"type": "new-visit", "subject": "S8"}, "'S8' is not in the study"),
             ({"type": "give-up-run"}, "no session is at the rig"),

@@ -27,6 +27,7 @@ from tactuator.entry_points import plugins
 from tactuator.errors import BadInput, unknown, within
 from tactuator.experiment.export import export as exported
 from tactuator.experiment.procedure.procedure import GROUP, Playable
+from tactuator.experiment.protocol.codes import doubts
 from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
@@ -120,6 +121,10 @@ class EnrolledResult(Result):
     study: str
     subject: str
     visits: Mapping[int, str]
+    warnings: tuple[str, ...] = ()
+
+    def notices(self) -> Sequence[str]:
+        return [f"warning: {warning}" for warning in self.warnings]
 
     def facts(self) -> Sequence[Fact]:
         visits = [{"visit": visit, "path": path} for visit, path in self.visits.items()]
@@ -127,6 +132,7 @@ class EnrolledResult(Result):
             Fact("study", self.study, "study", summary=True),
             Fact("subject", self.subject, "subject", summary=True),
             Fact("visits", visits),
+            Fact("warnings", list(self.warnings)),
             *(found(f"visit {visit}, link after the server's address", path) for visit, path in self.visits.items()),
         ]
 
@@ -150,8 +156,12 @@ def enrol(
             opened.add_visit(code)
         else:
             opened.enrol(_part(code, group, participant_id, skin_temperature_c, fact or []))
-        rows = [row for row in records.sessions(opened.connection, opened.id) if row.subject_code == code]
-    return EnrolledResult(opened.protocol.study.name, code, {row.visit: f"/s/{row.link_token}" for row in rows})
+        known = records.sessions(opened.connection, opened.id)
+    words, codes = shipped_words("en"), {row.subject_code for row in known}
+    names = [code, *(name for name in (group, participant_id) if name is not None)]
+    said = () if visit else tuple(doubt for name in names for doubt in doubts(name, codes, words))
+    links = {row.visit: f"/s/{row.link_token}" for row in known if row.subject_code == code}
+    return EnrolledResult(opened.protocol.study.name, code, links, said)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -40,10 +40,15 @@ from tactuator.experiment.store.stored_runs import (
     selected,
     stored_protocols,
 )
+from tactuator.experiment.trial import typed_number
 from tactuator.io.atomic import atomic_folder
 
 TableRow = dict[str, Any]
 _MISSING = "n/a"
+_PLAIN_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_EXECUTED, _UNSEEN_FIRST = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20"), " \u00a0\ufeff\u200b"
+"""Signs that begin a formula, also of full width, and what programs pass over before them."""
+_EXACT = 2**53
 
 
 @dataclass(frozen=True)
@@ -70,10 +75,12 @@ def _write_rows(path: Path, names: Sequence[str], rows: Iterable[TableRow], sepa
 
 
 def cell(value: Any, missing: str = "") -> Any:
-    """Return the value as a cell: text that a spreadsheet would execute begins with an apostrophe."""
+    """Return the value as a cell: text that a spreadsheet would execute begins with an apostrophe. A number is none."""
     if value is None or value == "":
         return missing
-    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
+    if not isinstance(value, str) or _PLAIN_NUMBER.fullmatch(value):
+        return value
+    return f"'{value}" if value.lstrip(_UNSEEN_FIRST).startswith(_EXECUTED) or value[0] in "\t\r\n" else value
 
 
 def exported(store: Store) -> Exported:
@@ -131,12 +138,26 @@ def _add_facts(connection: Connection, subjects: list[TableRow]) -> list[Column]
     for row in connection.execute(select(fact).where(fact.c.value.is_not(None)).order_by(fact.c.id)):
         facts.setdefault(row.subject_id, {})[row.name] = row.value
         items.setdefault(row.name, Column("subjects", row.name, "", row.unit, "As the laboratory defines it"))
+    numbers: set[tuple[object, str]] = set()
     for protocol in stored_protocols(connection, StudyProtocol).values():
         for item in protocol.demographic:
             items[item.name] = Column("subjects", item.name, "", item.unit, item.label)
+            if item.kind == "number":
+                numbers.add((protocol.study.name, item.name))
     for subject in subjects:
-        subject.update(dict.fromkeys(items) | facts.get(subject["key"], {}))
+        mine = facts.get(subject["key"], {})
+        read = {name: _number(text) if (subject["study"], name) in numbers else text for name, text in mine.items()}
+        subject.update(dict.fromkeys(items) | read)
     return list(items.values())
+
+
+def _number(text: str) -> float | int | str:
+    """Return the number of a fact, which earlier releases stored as it was typed; the text where it is none."""
+    try:
+        number = typed_number(text)
+    except BadInput:
+        return text
+    return int(number) if number.is_integer() and abs(number) < _EXACT else number
 
 
 def _discarded() -> Select[Any]:

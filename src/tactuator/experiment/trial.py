@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -14,6 +15,7 @@ from pydantic import Field
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Placement
+from tactuator.io.cells import check_commas, decimal_point
 from tactuator.parameters import Number, Positive, Seconds, Whole, table
 from tactuator.perception.curve import COMFORT_DB_SL, Level
 from tactuator.signals.decibels import from_db
@@ -196,6 +198,10 @@ class Trial:
         if self.correct not in (self.responses or ("",)):
             raise BadInput(f"trial: correct response {self.correct!r}", f"{', '.join(self.responses)}")
 
+    def as_stored(self, response: str) -> str:
+        """Return the response as exports have it: a number in digits and with a point, however it was typed."""
+        return response if self.responses else f"{number_of(response):.15g}"
+
     def judge(self, response: str) -> bool:
         """Return whether the response is the one that `correct` names. Raises BadInput if it is not allowed."""
         if not self.responses:
@@ -206,13 +212,30 @@ class Trial:
         return response == self.correct
 
 
+def typed_number(text: str) -> float:
+    """Return the number that a person typed, with a point or a comma, in the digits of any script.
+
+    Raises BadInput for anything else, and for a comma that may as well part thousands.
+    """
+    plain = "".join(str(unicodedata.decimal(sign, sign)) for sign in text.strip())
+    plain = plain.replace("\u2212", "-").replace("\u066b", ",")
+    check_commas([plain])
+    try:
+        number = math.nan if "_" in plain else float(decimal_point(plain))
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadInput(repr(text), "a number")
+    return number
+
+
 def number_of(response: str) -> float:
     """Return the number that was answered. Raises BadInput for what is not one above zero."""
     try:
-        number = float(response.replace(",", "."))
-    except ValueError:
-        number = math.nan
-    if not (number > 0.0 and math.isfinite(number)):
+        number = typed_number(response)
+    except BadInput as error:
+        raise BadInput(f"response {error.got}", "a number above 0") from None
+    if number <= 0.0:
         raise BadInput(f"response {response!r}", "a number above 0")
     return number
 

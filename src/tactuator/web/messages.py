@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import Celsius, Code, Group, ParticipantId
+from tactuator.experiment.trial import typed_number
 
 Milliseconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
@@ -103,13 +104,16 @@ class Correct(_Message):
     demographics: dict[Short, Short] = Field(default={}, max_length=50)
 
 
+_Typed = BeforeValidator(lambda value: typed_number(value) if isinstance(value, str) else value)
+
+
 class Day(_Message):
-    """Data of the day of a session, from an operator."""
+    """Data of the day of a session, from an operator: numbers, also as they are typed."""
 
     type: Literal["day"]
     session: Count
-    skin_temperature_c: Celsius | None = None
-    preload_n: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = None
+    skin_temperature_c: Annotated[Celsius, _Typed] | None = None
+    preload_n: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False), _Typed] | None = None
 
 
 OperatorMessage = Command | Enrol | NewVisit | Correct | Day

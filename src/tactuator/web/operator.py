@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from fastapi import WebSocket
 
 from tactuator.errors import BadInput, visible
+from tactuator.experiment.protocol.codes import doubts
 from tactuator.experiment.protocol.study import SubjectPart
 from tactuator.experiment.session.session import Running, RunTally, Session
 from tactuator.experiment.session.studies import Correction
@@ -69,11 +71,16 @@ class OperatorPage:
             await self._command(message)
             return
         self._require_control()
+        done = {"type": "done", "message": ""}
         if isinstance(message, Enrol | Correct):
             self._free(message)
+            self._allowed(message.demographics)
         if isinstance(message, Enrol):
             part = SubjectPart(**picked(message, "code", "group", "participant_id", "demographics"))
+            codes = [row.subject_code for row in self.lab.sessions]
             await self.lab.change(self.who, lambda study: study.enrol(part))
+            if found := "; ".join(doubts(message.code, codes, self.lab.words)):
+                done["message"] = self.lab.words("operator.enrolled", code=message.code, doubts=found)
         elif isinstance(message, NewVisit):
             await self.lab.change(self.who, lambda study: study.add_visit(message.subject))
         elif isinstance(message, Correct):
@@ -84,6 +91,18 @@ class OperatorPage:
         else:
             await self._day(message)
         await self.lab.refresh()
+        await send(self.socket, done)
+
+    def _allowed(self, facts: Mapping[str, str]) -> None:
+        """Refuse a fact that is not allowed, by the name that the page has for it."""
+        protocol = self.lab.study.task.protocol
+        labels = {item.name: item.label for item in protocol.demographic}
+        for name, value in facts.items():
+            try:
+                protocol.fact(name, value)
+            except BadInput as error:
+                about = {"field": labels.get(name, name), "got": error.got, "allowed": error.allowed}
+                raise BadInput(self.lab.words("operator.refused_field", **about)) from None
 
     def _free(self, message: Enrol | Correct) -> None:
         """Refuse, in the page's language, a code or an id that is somebody's already."""

@@ -158,6 +158,9 @@ def test_parse_task__what_cannot_be__is_refused(document: dict, message: str) ->
     with pytest.raises(BadInput, match=message):
         parse_task(document)
     assert number_of("2,5") == 2.5
+    for response in ("1,234", "12,500"):
+        with pytest.raises(BadInput, match="thousands"):
+            number_of(response)
     for response in ("0", "-1", "inf", "nan", "strong", ""):
         with pytest.raises(BadInput, match="a number above 0"):
             number_of(response)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
+from tactuator.experiment.words import Words
+
 _MISSING = frozenset(["na", "n/a", "nan", "null", "none", "nil", "missing", "inf", "infinity"])
 _LOGICAL = frozenset(["t", "f", "true", "false", "wahr", "falsch", "vrai", "faux"])
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|0x[0-9a-f]+")
@@ -21,31 +23,33 @@ _DATE = re.compile(
 
 
 def taken_for(text: str) -> str:
-    """Return what other programs take a code for that they do not keep as it is written; "" where they keep it."""
+    """Return what other programs take a code for that they do not keep as it is written; "" where they keep it.
+
+    It is a key of the words: missing, logical, number, date.
+    """
     folded = text.strip().casefold()
     if folded in _MISSING:
-        return "a missing value"
+        return "missing"
     if folded in _LOGICAL:
-        return "true or false"
+        return "logical"
     if _NUMBER.fullmatch(folded):
-        return "" if _PLAIN.fullmatch(folded) else f"the number {_value(folded):.15g}"
-    return "a date or time" if _DATE.fullmatch(folded) else ""
+        return "" if _PLAIN.fullmatch(folded) else "number"
+    return "date" if _DATE.fullmatch(folded) else ""
 
 
-def _value(number: str) -> float:
-    return float(int(number, 16)) if number.startswith("0x") else float(number)
-
-
-def doubts(code: str, others: Iterable[str]) -> Iterator[str]:
+def doubts(code: str, others: Iterable[str], words: Words) -> Iterator[str]:
     """Yield what becomes of a code in other programs: what it is taken for, and which others it is mixed with."""
     taken = taken_for(code)
     if taken:
-        yield f"{code!r} is {taken} to spreadsheets"
-    alike = [other for other in others if other != code and _same(other) == _same(code)]
+        yield words(f"codes.{taken}", code=code, value=_read(code))
+    alike = [other for other in others if other != code and _read(other) == _read(code)]
     if alike:
-        yield f"{code!r} is mixed with {', '.join(map(repr, alike))} by other programs"
+        yield words("codes.mixed", code=code, others=", ".join(alike))
 
 
-def _same(code: str) -> str:
+def _read(code: str) -> str:
+    """Return a code as programs read it that know numbers, and no case of letters."""
     folded = code.strip().casefold()
-    return f"{_value(folded):.15g}" if _NUMBER.fullmatch(folded) else folded
+    if not _NUMBER.fullmatch(folded):
+        return folded
+    return f"{float(int(folded, 16)) if folded.startswith('0x') else float(folded):.15g}"

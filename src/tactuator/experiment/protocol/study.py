@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, within
 from tactuator.experiment.protocol.codes import doubts
+from tactuator.experiment.trial import typed_number
 from tactuator.experiment.words import Words, shipped_words
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
@@ -99,12 +100,11 @@ class Demographic:
             raise BadInput(f"{self.name} has {len(text)} characters", "200 at most")
         if self.kind == "number":
             low, high = (-1e12 if self.low is None else self.low), (1e12 if self.high is None else self.high)
-            try:
-                number = float(text)
-            except ValueError:
-                number = float("nan")
+            with within(self.name):
+                number = typed_number(text)
             if not low <= number <= high:
                 raise BadInput(repr(text), f"a number from {low:g} to {high:g}", key=self.name)
+            return f"{number:.15g}"
         return text
 
 
@@ -163,10 +163,10 @@ class StudyProtocol:
             yield f"no curve: frequencies_hz has {count}; expected {POINTS_MIN} or more"
         codes = [subject.code for subject in self.subject]
         for subject in self.subject:
-            yield from doubts(subject.code, codes)
+            yield from doubts(subject.code, codes, shipped_words("en"))
         others = {name for subject in self.subject for name in (subject.group, subject.participant_id) if name}
         for name in sorted(others):
-            yield from doubts(name, others)
+            yield from doubts(name, others, shipped_words("en"))
 
     def faults(self) -> Iterator[BadInput]:
         """Yield every reason why nobody's runs can come to a result, so that nobody is to sit down for them."""

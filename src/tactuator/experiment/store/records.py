@@ -393,7 +393,7 @@ def save_answer(connection: Connection, run: int, played: PlayedTrial, answer: A
     ended_s, received_s = played.ended_s, answer.received_s
     values = {
         "trial_id": added.id,
-        "response": answer.response,
+        "response": trial.as_stored(answer.response),
         "correct": trial.judge(answer.response),
         "client_shown_ms": answer.client_shown_ms,
         "client_pressed_ms": answer.client_pressed_ms,

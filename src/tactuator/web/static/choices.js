@@ -39,7 +39,8 @@ class Choices {
     const form = make("form", { class: "number" }, input, make("button", { type: "submit" }, word("enter")));
     form.onsubmit = (event) => {
       event.preventDefault();
-      const text = input.value.trim(), good = /^[0-9]*[.,]?[0-9]+$/.test(text) && Number(text.replace(",", ".")) > 0;
+      const text = input.value.trim(), thousands = /^[1-9][0-9]{0,2},[0-9]{3}$/.test(text);
+      const good = /^[0-9]*[.,]?[0-9]+$/.test(text) && !thousands && Number(text.replace(",", ".")) > 0;
       input.setAttribute("aria-invalid", String(!good));
       if (good && !input.readOnly) chosen(text);
     };

@@ -1,11 +1,13 @@
 "use strict";
 // Forms of the operator's page: a new subject with what the laboratory notes of everybody, the data of a session's day, and
 // corrections of what was noted. values: what stands there, by the item's name.
+// A browser's own field for numbers drops a comma that its language does not know, and 0,5 becomes 5: the server reads numbers.
+const DECIMAL = { type: "text", inputmode: "decimal", maxlength: 30 };
 function demographicFields(items, values = {}) {
-  return items.map(({ name, label, kind, unit, low, high, choices, required }) => {
+  return items.map(({ name, label, kind, unit, choices, required }) => {
     const data = { "data-demographic": name, ...(required ? { required: "" } : {}) };
     const field = kind === "choice" ? make("select", data, ...["", ...choices].map((one) => make("option", { value: one }, one)))
-      : make("input", kind === "number" ? { ...data, type: "number", step: "any", ...(low === null ? {} : { min: low }), ...(high === null ? {} : { max: high }) } : { ...data, maxlength: 200 });
+      : make("input", kind === "number" ? { ...data, ...DECIMAL } : { ...data, maxlength: 200 });
     field.value = values[name] || "";
     return make("label", {}, unit === "" ? label : `${label}, ${unit}`, " ", field);
   });
@@ -22,11 +24,11 @@ function enrolment(form) {
 // Shows the data of the day of a session in a row below it; saved: called with the message. An emptied field says that its
 // value is taken away.
 function dayForm(session, saved) {
-  const number = (name, value) => make("input", { name, type: "number", step: "any", min: 0, ...(value === null ? {} : { value, placeholder: `${value} → –` }) });
+  const number = (name, value) => make("input", { name, ...DECIMAL, ...(value === null ? {} : { value, placeholder: `${value} → –` }) });
   const temperature = number("skin_temperature_c", session.skin_temperature_c), force = number("preload_n", session.preload_n);
   const form = make("form", { class: "day" }, make("b", {}, word("day")), make("label", {}, word("skin_temperature"), " ", temperature),
     make("label", {}, word("contact_force"), " ", force), make("button", { type: "submit" }, word("save")));
-  const value = (field) => (field.value === "" ? null : Number(field.value));
+  const value = (field) => (field.value === "" ? null : field.value);
   form.onsubmit = (event) => {
     event.preventDefault();
     saved({ type: "day", session: session.id, skin_temperature_c: value(temperature), preload_n: value(force) });

@@ -1,6 +1,7 @@
 "use strict";
 // The operator's panel: a study, its sessions, and the run at the rig. The page of its own shows it, and so does the console.
 let shown = "", asks = "", dayOf = null, link = null;
+let accepted = () => {}; // what becomes of the form that was sent, once it is not refused
 const told = { text: "", until: 0 }; // a refusal stays for a while, though snapshots come every second
 
 // Connects the panel that is in the page; token: the operator's; gone: called where the study is not open any more.
@@ -15,9 +16,10 @@ function openOperator(token, gone = () => banner(word("lost"))) {
       if (over) return;
       if (message.type === "snapshot") show(message);
       else if (message.type === "results") results(message);
+      else if (message.type === "done") { say(message.message); accepted(); accepted = () => {}; }
       else {
-        Object.assign(told, { text: message.message, until: performance.now() + 10000 });
-        banner(told.text);
+        accepted = () => {};
+        say(message.message);
       }
     },
     (socket) => { socket.send(token); banner(""); },
@@ -31,10 +33,15 @@ function openOperator(token, gone = () => banner(word("lost"))) {
   for (const button of document.querySelectorAll("[data-command]")) button.onclick = () => command(button.dataset.command);
   el("enrol-form").onsubmit = (event) => {
     event.preventDefault();
+    accepted = () => event.target.reset();
     link.send(enrolment(event.target));
-    event.target.reset();
   };
   return () => { over = true; link.socket.close(); };
+}
+
+function say(text) {
+  Object.assign(told, { text, until: text === "" ? 0 : performance.now() + 10000 });
+  banner(text);
 }
 
 function command(type, session) {
@@ -70,7 +77,7 @@ function sessionRows(session, snapshot) {
   made.className = session.id === snapshot.active ? "active" : "";
   const heads = el("sessions").parentElement.tHead.rows[0].cells; // on a phone each cell has its own
   for (const cell of made.cells) cell.dataset.head = heads[cell.cellIndex].textContent;
-  const saved = (message) => { link.send(message); dayOf = null; };
+  const saved = (message) => { accepted = () => { dayOf = null; shown = ""; }; link.send(message); };
   return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
 }
 
