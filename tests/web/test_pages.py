@@ -73,7 +73,9 @@ def test_operator__second__looks_on_until_control_is_taken(client) -> None:
 
 
 @pytest.mark.parametrize("typed", ["0,5", "0.5", "\u0660\u066b\u0665", "\uff10.\uff15", " .5 "])
-def test_operator__number_of_a_form_or_a_code__is_stored_as_it_was_meant_and_doubts_are_said(client, lab, typed) -> None:
+def test_operator__number_of_a_form_or_a_code__is_stored_as_it_was_meant_and_doubts_are_said(
+    client, lab, typed
+) -> None:
     with joined(client, "operator") as socket:
         socket.send_json({"type": "day", "session": 1, "preload_n": typed})
         assert until(socket, "done")["message"] == ""
