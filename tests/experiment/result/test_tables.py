@@ -39,7 +39,8 @@ ONE = MeasuredThreshold(
     subject="7", group="unknown", finger="8", frequency_hz=100.0, procedure="quest-plus", run=1, trials=48, point=0.794,
     own_db_sl=1.0, own_standard_error_db=1.0, reversal_spread_db=None, refit_db_sl=1.1, refit_sd_db=1.0,
     refit_low_db_sl=-1.0, refit_high_db_sl=3.0, bound="", delivered_db=0.0, delivered_sd_db=0.1,
-    own_level_db_re_1um=1.0, level_db_re_1um=1.1, level_low_db_re_1um=-1.0, level_high_db_re_1um=3.0, sd_db=1.0, curve="bolanowski-1988",
+    own_level_db_re_1um=1.0, level_db_re_1um=1.1, level_low_db_re_1um=-1.0, level_high_db_re_1um=3.0, sd_db=1.0,
+    curve="bolanowski-1988",
     flags=tuple(sorted(DOUBTFUL)), lapse_power=0.2, drift_power=0.2, simulated=True,
 )  # fmt: skip
 
