@@ -22,6 +22,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from tactuator.console import page_server as console
+from tactuator.console import serve
 from tactuator.console.page_connection import REQUESTS as FUNCTIONS
 from tactuator.console.page_server import build_console, static_file
 from tactuator.console.requests import bound, requested
@@ -245,6 +246,17 @@ def test_server__told_to_end_while_it_computes__closes_the_rig_and_ends(number, 
         process.kill()
         hears.close()
     assert process.exitcode == status
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_console__asked_to_open_its_page__opens_the_address_that_it_prints(monkeypatch, asked):
+    opened, said = [], []
+    monkeypatch.setattr(serve.webbrowser, "open", opened.append)
+    monkeypatch.setattr(
+        serve, "run_server", lambda app, address, listening, lines, make: said.extend(lines("http://here"))
+    )
+    serve.console(port=0, open_browser=asked)
+    assert said == [f"console: {page}" for page in opened] if asked else not opened
 
 
 FEW, MANY = 200, 100_000

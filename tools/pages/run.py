@@ -20,7 +20,7 @@ from tools.pages.blocks import commands, read_page, session
 #: What only a shell understands; a command without it is run in this process, which saves its imports.
 SHELL = re.compile(r"[|<>&;$*`]")
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
-ENVIRONMENT = {"COLUMNS": "120", "MPLBACKEND": "Agg", "OPENBLAS_NUM_THREADS": "1"}
+ENVIRONMENT = {"BROWSER": "true", "COLUMNS": "120", "MPLBACKEND": "Agg", "OPENBLAS_NUM_THREADS": "1"}
 SERVER_S = 60.0
 
 

@@ -2,6 +2,7 @@
 
 import secrets
 import sys
+import webbrowser
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager
@@ -32,6 +33,7 @@ def console(
     allowed_host: AllowedHosts = None,
     tls_certificate: TlsCertificate = None,
     tls_key: TlsKey = None,
+    open_browser: Annotated[bool, Option("Open the page in the browser.", ("--open",))] = False,
 ) -> None:
     """Serve a page to shape a loop, and to drive a rig. A loop is shaped by dragging it, and a rig is watched and
     driven, until interrupted; the page's address goes to standard error.
@@ -43,13 +45,20 @@ def console(
     # a program that is cut off leaves its semaphores to the tracker of them, which deletes them without a word then
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     state, token = ConsoleState(None if display is None else Path(display)), secrets.token_urlsafe(_TOKEN_BYTES)
+
+    def said(base: str) -> list[str]:
+        page = f"{base}/#token={token}"
+        if open_browser:
+            webbrowser.open(page)
+        return [f"console: {page}"]
+
     with address.listen() as listening, _held(rig, state, seed) as held, _figures_apart() as apart:
         close = (lambda: None) if held is None else held.close
         run_server(
             build_console(state, token, apart, held),
             address,
             listening,
-            lambda base: [f"console: {base}/#token={token}"],
+            said,
             lambda config: ConsoleServer(config, close, state.uploads.forget),
         )
 
