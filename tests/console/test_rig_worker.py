@@ -167,7 +167,7 @@ def on_card(monkeypatch):
 def test_sound_card__gaps__are_counted_and_spoil_a_trial_alone(on_card):
     worker = on_card.worker
     on_card.flags = OVERFLOW
-    for number, fault in ((1, "the sound card told of a gap"), (2, "")):
+    for number, fault in ((1, "the sound card reported a gap"), (2, "")):
         worker.call("present", number, (np.ones((4000, 2)),))
         worker.until(lambda count=number: sum(each.over for (each,) in worker.of("take_presented")) == count)
         (end,) = worker.of("take_presented")[-1]

@@ -130,7 +130,7 @@ def test_board_that_waits__given_rows_and_stands_still__is_told():
     rig.play(noise(100))
     transport.stands, at = True, client.status().tick
     stream = BoardStream(client, client.status().run, 3, 2000, 2000, True)
-    with pytest.raises(DeviceFault, match=f"stands at tick {at} of its run and has been given rows to {at + 300}"):
+    with pytest.raises(DeviceFault, match=f"stopped at tick {at} of its run, although it has rows up to {at + 300}"):
         list(stream.play([noise(300)], at))
 
 

@@ -23,12 +23,12 @@ is felt as 0.8 dB at most."""
 _PLAYED_S, _LAST_S, _PIECE_S, _SMOOTHED = 3.0, 1.0, 0.02, 5
 """Of the play: its length, the end that is averaged, and pieces between two looks; five of them are 0.1 s."""
 _BAND_HZ, _LINES = (5.0, 250.0), 16
-"""What tells a mass from a spring: lines on both sides of where they balance, some 9 Hz."""
+"""To separate mass from spring: lines on both sides of their resonance, about 9 Hz."""
 
 
 @runtime_checkable
 class LearningRig(Protocol):
-    """A rig that tells the weights which its channels have learnt of a finger; at a block's end, where it waits."""
+    """A rig that reports the finger weights of its channels, at the end of a block if it waits there."""
 
     def weights(self) -> FloatArray:
         """Return the weights of the finger's mass and of its damping with stiffness, (channels, 2)."""
@@ -39,8 +39,8 @@ class LearningRig(Protocol):
 class Learnt:
     """Weights of a channel after settling: the mean over the last second, (mass, damping with stiffness).
 
-    settled_s: seconds of sound until the mean over 0.1 s of both stays within 0.3 of it; None where they never did, or
-    the rig does not tell, or its time goes on while it is asked.
+    settled_s: seconds of sound until the mean over 0.1 s of both stays within 0.3 of it; None if they never did, or if
+    the rig does not report weights or does not wait meanwhile.
     """
 
     channel: str

@@ -1,6 +1,6 @@
 """A model of an actuator from its answer to a broadband command that repeats.
 
-The level is raised until the answer stands above the noise, the wiring is checked, and the response is taken line by
+The level is raised until the response is clear of the noise, the wiring is checked, and the response is taken line by
 line; a model is fitted to the record, or to the response itself where none follows.
 """
 
@@ -73,7 +73,7 @@ class Heard:
         return response, np.sqrt(0.5 * smooth) / np.maximum(np.abs(response), 1e-300)
 
     def above_noise_db(self) -> float:
-        """Return what 19 of 20 lines stand above the noise in one period, dB."""
+        """Return the signal-to-noise ratio that 19 of 20 lines reach in one period, dB."""
         _, error = self.response()
         return float(-db(np.quantile(error, 0.95) * np.sqrt(2.0 * len(self.position))))
 
@@ -119,7 +119,7 @@ _TRAVEL_SHARE, _RANGE_SHARE, _INPUT_SHARE = 0.4, 0.8, 0.5
 
 
 def find_level(rig: Rig, channel: Channel, wave: Multisine, input_range_v: float) -> Level:
-    """Raise the command from a hundredth of the range until 19 of 20 lines stand 30 dB above the noise, or until
+    """Raise the command from a hundredth of the range until 19 of 20 lines are 30 dB above the noise, or until
     travel, range or the input (input_range_v) would be passed.
 
     Raises BadInput where the sensor does not hear its own output, and says which channel's does.
@@ -220,8 +220,8 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
 
 
 def at_rest(plant: ContinuousSystem, band_hz: tuple[float, float]) -> ContinuousSystem:
-    """Return the plant with its slowest zeros at rest, where they cannot be told from zero: nothing was heard there,
-    and a prefilter would be asked to hold what no actuator does.
+    """Return the plant with its slowest zeros at s = 0 if they cannot be distinguished from zero: nothing was measured
+    there, and a prefilter would need more than any actuator gives.
     """
     slow = np.abs(plant.zeros) < _SLOW_SHARE * 2.0 * np.pi * band_hz[0]
     return ContinuousSystem(np.where(slow, 0.0, plant.zeros), plant.poles, plant.gain, plant.delay_s)

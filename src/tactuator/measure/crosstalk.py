@@ -22,8 +22,9 @@ from tactuator.signals.decibels import db, from_db, half_width_db
 from tactuator.signals.multisine import tones
 
 _KNOWN_DB = 2.5
-"""Half-width up to which a level is told: the motion is three times its half-width then, which noise alone is in one of
-15,000 cases (of eight blocks)."""
+"""Half-width up to which a level is reported: the motion is then three times its half-width, which noise alone reaches
+in one of 15,000 cases (of eight blocks).
+"""
 _LEAST = 1e-5
 """Half-width at least, of the threshold: no gauge reads a motion 100 dB below it."""
 
@@ -85,8 +86,8 @@ def felt_elsewhere(
     """Drive one channel under the loaded controller; return what is felt on all that have a finger port or a sensor.
 
     Each frequency (m,) is played, kept off mains as by `stepped_sine`, until every other channel is surely below
-    threshold or known to the confidence asked for, or for longest_s. progress: is told the number of frequencies done
-    and of all. Raises BadInput as `stepped_sine` does, and where no other channel can be read.
+    threshold or known to the confidence asked for, or for longest_s. progress: called with the number of frequencies
+    done and of all. Raises BadInput as `stepped_sine` does, and where no other channel can be read.
     """
     at_ports = rig.has_finger_ports
     others = [name for name in rig.channels if name != driven]

@@ -149,7 +149,7 @@ def as_read(response: Response, controller: Controller, confidence_db: float) ->
 
 
 _PLACES, _NEAR = 3, 0.03
-"""Tones that are played between points for a channel, at most; relative distance within which one stands for others."""
+"""Tones that are played between points for a channel, at most; relative distance within which one represents others."""
 
 
 def with_tones(
@@ -178,7 +178,7 @@ def with_tones(
 
 
 def _worst_hz(swept: Response, display: Display) -> list[float]:
-    """Return the lines of a sweep, hertz, that stand for those which surely err and may pass what is allowed."""
+    """Return the lines of a sweep, hertz, that represent those with a certain error which may exceed the tolerance."""
     error = np.abs(error_db(swept, display))
     passes = (error > display.objectives.flatness_db) & (swept.confidence_db < error) & ~np.any(swept.saturated)
     chosen: list[float] = []
@@ -240,8 +240,8 @@ def expected_response(controller: Controller, name: str, load: str | None, frequ
 @dataclass(frozen=True, eq=False)
 class ResponseLevels:
     """Levels of a response at each of its frequencies, dB SL, (m,): asked for; felt, by the sensor; and predicted by
-    the controller's own model, under the response's load and without one. The error is felt minus asked; what of it is
-    the model's, and there the prefilter's and the load's, is told beside it.
+    the controller's own model, under the response's load and without one. The error is felt minus asked; the part that
+    the model explains, by prefilter and by load, is given beside it.
     """
 
     asked_db_sl: FloatArray

@@ -1,6 +1,6 @@
 """Mass, damping and stiffness of what touches a display, from play free, touched and free again: do they describe it?
 
-Each realisation gives an estimate of its own, so that the confidence needs no model of the noise: Student's t over
+Each realisation gives one estimate, so the confidence needs no model of the noise: Student's t over
 the realisations. Lines count by their scatter between realisations. The one mass, damper and spring is held against a
 Kelvin-Voigt chain of two: a contact mass, a damper and spring to a second mass, a damper and spring from there.
 """
@@ -337,9 +337,9 @@ def measure_finger(
 
 
 def _loop(controller: Controller, column: int) -> FeedbackLoop:
-    """Return the unloaded loop of a channel. Raises BadInput where there is none."""
+    """Return the unloaded loop of a channel. Raises BadInput for a channel without a loop."""
     name = controller.channels[column].name
     feedback = ChannelPrediction.of(controller, name).loop.feedback
     if feedback is None:
-        raise BadInput(f"channel {name!r} has no loop, so that its command does not tell", "one with a loop")
+        raise BadInput(f"channel {name!r} has no loop, so its command does not show the load", "one with a loop")
     return feedback

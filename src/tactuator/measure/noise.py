@@ -52,7 +52,7 @@ _SEEN = 4.0
 class SensorNoise:
     """Hum and noise of a sensor.
 
-    hum_hz, hum_v_peak (k,): the mains lines that stand out, volts peak. noise_v_rms: white, converter's steps taken
+    hum_hz, hum_v_peak (k,): the visible mains lines, volts peak. noise_v_rms: white, converter's steps taken
     out.
     """
 
@@ -147,7 +147,7 @@ class FeltNoise:
     line_hz (k,), line_db_sl: mains and its multiples. band_hz (b,), band_db_sl: third octaves, lines left out; the
     level of a band is that of a sinusoid at its centre with the same power. resonance_hz, resonance_db_sl: the loop's
     resonance, None where the felt spectrum has no peak. resonance_gain_db: that peak over the felt density below it.
-    saturated: a converter or limit was reached. sensor: hum and noise of the sensor by itself, None: not told apart.
+    saturated: a converter or limit was reached. sensor: hum and noise of the sensor alone; None: not separated.
     line_moved_db_sl, band_moved_db_sl: what they are if what the sensor does not explain is motion.
     """
 
@@ -252,8 +252,8 @@ def _as_motion(
 ) -> FeltNoise:
     """Return the noise with the levels that there are if what the sensor does not explain is motion, as it shows it.
 
-    Hum as loud as the display has it explains a line, noise as white as above the band a band. What else stands in
-    the reading beside the command's motion came in before the plant or behind it, and no loop tells which.
+    Hum at the display's level explains a line; white noise at the level above the band explains a band. Whatever else
+    is in the reading, besides the command's motion, entered before the plant or after it; a loop cannot show which.
     """
     (position_v, command_v), known, sensor = trace, channel.environment, felt.sensor
     assert sensor is not None
@@ -290,7 +290,7 @@ def _displacement_mm(
     frequency = np.maximum(frequency_hz, 1e-3)
     omega = 2j * np.pi * frequency
     hold = np.sinc(frequency / rate_hz)
-    still = np.zeros(frequency.shape)  # what stands at rest stays within the distance over which friction builds up
+    still = np.zeros(frequency.shape)  # at rest, motion stays within the presliding distance
     moved = beside_friction(channel.environment, plant.response(frequency) * hold, still)
     response = moved / (channel.sensor_gain_v_per_mm * omega ** DERIVATIVES[channel.quantity])
     return np.where(frequency_hz > 0.0, response, 0.0)
@@ -355,7 +355,7 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
     return verdict_of([*findings, *doubtful(display)], assumed)
 
 
-_TELLS = "an outside vibrometer tells, or for hum a hum_v_peak from the sensor with the amplifier off"
+_TELLS = "measure with a vibrometer, or for hum set hum_v_peak from the sensor with the amplifier off"
 _OF_THE_SENSOR = "white noise, and hum as loud as hum_v_peak, are of the sensor and stay with the amplifier off"
 
 

@@ -49,7 +49,7 @@ def usable_band(
     channel: Channel, plant: ContinuousSystem, asked_hz: tuple[float, float], level_db_sl: float
 ) -> UsableBand:
     """Return the widest band (in octaves) within `asked_hz` in which a tone at level_db_sl needs at most 0.9 of the
-    range and of the travel, by `plant`. Raises BadInput where there is none of half an octave.
+    range and of the travel, by `plant`. Raises BadInput if it is narrower than half an octave.
     """
     frequency = np.geomspace(*asked_hz, _GRID)
     threshold_mm = channel.threshold.curve.displacement_mm(frequency)
@@ -109,7 +109,7 @@ def felt_flatness(
 ) -> Flatness:
     """Measure the loaded controller's felt level over the channel's band: 48 lines and more about its resonances, each
     at the level asked, as many at a time as command, travel and comfort allow. A group that was cut after all is
-    measured again in halves: its lines stand up to 2 % beside those asked for, which is much at an antiresonance.
+    measured again in halves: its lines are up to 2 % off the requested ones, which matters at an antiresonance.
     """
     display = controller.display
     band_hz = display.channel(name).threshold.band_hz
@@ -288,7 +288,7 @@ def calibrate(
             channels = [each if plant is None else replace(each, plant=plant) for each, plant in described]
             again = _designed(display, channels)
         except (BadInput, NoDesign):
-            break  # what was measured stands
+            break  # keep what was measured
         felt = _measured(rig, again, asked, rng, note)
         if _worst(felt) >= _worst(last):
             break
@@ -331,9 +331,9 @@ def _known(
 
 
 def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
-    """Return the channels without the dead time that all of them have, which the rig puts back from now on: what the
-    sensor says then stands beside what was asked, as whoever reads a trial's own rows needs it. A plant of the response
-    by itself has none, and tells nothing of it.
+    """Return the channels without the dead time that all of them have, which the rig compensates from now on, so that
+    sensor and reference are aligned in the rows of a trial. A plant that is a measured response has no dead time and is
+    left out.
     """
     late = [int(each.followed.plant.delay_s * rig.rate_hz) for each in known if each.followed.by == "model"]
     if not late or min(late) == 0:
@@ -348,7 +348,7 @@ def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
 
 
 def _first(display: Display, known: list[KnownChannel]) -> Controller:
-    """Return the controller of what was measured; NoEqualiser, with that, where there is none."""
+    """Return the controller for what was measured. Raises NoEqualiser, with what was measured."""
     channels = [each.channel for each in known]
     try:
         return _designed(display, channels)

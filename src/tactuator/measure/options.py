@@ -9,7 +9,7 @@ from tactuator.errors import BadInput
 from tactuator.perception.curve import check_level
 
 MAINS_HZ = 60.0
-"""Frequency of mains, hertz, as in the paper; 0 where there is none."""
+"""Frequency of mains, hertz, as in the paper; 0: no mains."""
 METHODS = ("stepped", "multisine")
 LISTENED_S = 8.0
 """Seconds of rest over which hum and noise are measured."""
@@ -29,10 +29,10 @@ FINGER_S = 60.0
 class MeasurementOptions:
     """What a measured response is asked for, whatever its method.
 
-    level_db_sl: of each tone. channels: to be measured (None: all). load: name of what touches the display; whoever
-    holds the finger port puts it there. confidence_db: half-width at `coverage` to reach; a simultaneous statement
-    about m points asks for a coverage of 1 - 0.05/m (Bonferroni). longest_s: seconds per point at most. mains_hz: 0 for
-    none; what is played keeps 2 Hz off its multiples. band_hz: none is played outside (None: below 0.45 of the rate).
+    level_db_sl: of each tone. channels: to be measured (None: all). load: name of what touches the display; the caller
+    attaches it at the finger port. confidence_db: half-width at `coverage` to reach; a simultaneous statement about m
+    points asks for a coverage of 1 - 0.05/m (Bonferroni). longest_s: seconds per point at most. mains_hz: 0 for none;
+    what is played keeps 2 Hz off its multiples. band_hz: none is played outside (None: below 0.45 of the rate).
     """
 
     level_db_sl: float = 30.0

@@ -36,8 +36,8 @@ def stepped_sine(
 
     frequency_hz (m,): any order; each is played as it is, or within 2 % of it where it has to keep 2 Hz off mains.
     After settling it is played in blocks of whole periods until every channel's confidence is reached, or for
-    longest_s. progress is told the number of points done and of all, so_far the responses of those done, after each;
-    the traces pass through watch.
+    longest_s. After each point, progress is called with the number of points done and of all, so_far with the responses
+    of those done; the traces pass through watch.
     Raises BadInput for frequencies outside the band or too near to mains, or an unknown channel.
     """
     columns = check_asked(rig, frequency_hz, options)
@@ -66,10 +66,10 @@ def multisine_response(
 ) -> tuple[Response, ...]:
     """Measure the response at `frequency_hz` (m,), all lines at once, one Response for each of the channels asked for.
 
-    Lines stand at odd multiples of one period's frequency, within 2 % of what is asked, 2 Hz off mains and inside
-    the band: the shortest period that has them all. Not `exactly`: the nearest lines inside the band, for a sweep whose
-    frequencies nobody asked for. After settle_s of the same signal two periods are averaged, and more until every
-    line's half-width is at most confidence_db or longest_s are over. The half-width covers noise and distortion.
+    Lines are odd multiples of one period's frequency, within 2 % of the requested ones, 2 Hz off mains and inside the
+    band; the shortest such period is used. Not `exactly`: the nearest lines inside the band, for a sweep without
+    requested frequencies. After settle_s of the same signal two periods are averaged, and more until every line's
+    half-width is at most confidence_db or longest_s are over. The half-width covers noise and distortion.
     Raises BadInput as `stepped_sine` does, and for a level at which all lines together pass a reference's full scale.
     """
     columns = check_asked(rig, frequency_hz, options)

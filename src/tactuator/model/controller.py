@@ -35,8 +35,8 @@ class FeedForward:
     at which zero weighs as much as what is heard. shape: the lean towards the designed finger's proportions.
     fading_s: the weights' decay while there is nothing to learn from. slew_s: the least time for a change of one.
     weight_max: of either weight. push_max_v: the greatest command that is fed forward. hum_hz, hum_band_hz: mains lines
-    that are told from the finger, and the width of what is taken for them. mass_fed: the share of what the learnt mass
-    takes that is fed forward.
+    that are kept out of the estimate, and the width of their notches. mass_fed: the share of what the learnt mass takes
+    that is fed forward.
     """
 
     gain: Positive
@@ -141,8 +141,8 @@ class ChannelController:
     prefilter_sos: (n, 6), maps r (threshold units) to volts of y, or to volts of u where feedback_sos is None.
     feedback_sos: (m, 6), the integrator in the last section. threshold_voltage_dc: H(0), volts of y per threshold
     unit. designed_for: names of the loads (and "family") the margins hold for. report: figures of the design, plain
-    numbers and lists as they stand in controller.json. feed_forward: for the finger on it, None where there is none.
-    strength: how its reference is reshaped by its level, None where it stays as it comes.
+    numbers and lists as in controller.json. feed_forward: for a finger, or None. strength: how the reference is
+    reshaped by its level, None if it is not.
     """
 
     name: str
@@ -236,7 +236,7 @@ class Controller:
             _require_limits(designed, described, display.objectives.comfort_db_sl)
 
     def channel(self, name: str) -> ChannelController:
-        """Return the channel's controller. Raises BadInput if there is none of that name."""
+        """Return the channel's controller. Raises BadInput for an unknown name."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

@@ -215,8 +215,7 @@ DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
 class Environment:
     """Disturbances of a channel: hum, white sensor noise, Dahl friction.
 
-    The figures are what the display is believed to have: the simulated display obeys them, the verdict is judged by
-    them, and tells what rests on those that are only assumed.
+    The simulated display has these values; the verdict is judged by them, and reports what depends on assumed ones.
     """
 
     hum_hz: Annotated[tuple[Positive, ...], Field(description="lines of hum at the sensor")] = (60.0, 120.0, 180.0)
@@ -286,8 +285,8 @@ class Recorded:
 class Channel:
     """The actuator of one finger.
 
-    plant: command (V) to sensor voltage (V). family: other plants that identification cannot tell from `plant`; a
-    design must hold for them too. covariance: as `identify` found it; empty: unknown. valid_hz: None for everywhere.
+    plant: command (V) to sensor voltage (V). family: other plants that fit the record; a design must hold for them too.
+    covariance: as `identify` found it; empty: unknown. valid_hz: None for everywhere.
 
     A plant may also be (num, den), or a continuous linear system of python-control or scipy.signal.
 
@@ -387,7 +386,7 @@ class Channel:
             raise BadInput("two loads have the same name", "each name once")
 
     def is_known(self, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
-        """Tell, frequency by frequency, whether the plant is known there; edges count within rounding."""
+        """Return, for each frequency, whether the plant is known there; edges count within rounding."""
         frequency = np.asarray(frequency_hz, dtype=np.float64)
         low, high = self.valid_hz or (0.0, np.inf)
         return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
@@ -416,7 +415,7 @@ class Channel:
                 yield f"{self.name}: {noun} not felt alike: {key} {theirs}; the display's is {mine}"
 
     def load(self, name: str) -> Load:
-        """Return the load of that name. Raises BadInput if there is none."""
+        """Return the load of that name. Raises BadInput for an unknown name."""
         for load in self.loads:
             if load.name == name:
                 return load
@@ -526,7 +525,7 @@ class Display(Result):
         return threshold_chart(labelled, self.objectives.comfort_db_sl)
 
     def channel(self, name: str) -> Channel:
-        """Return the channel of that name. Raises BadInput if there is none."""
+        """Return the channel of that name. Raises BadInput for an unknown name."""
         for channel in self.channels:
             if channel.name == name:
                 return channel
@@ -550,7 +549,7 @@ SHARED_TABLES: dict[str, tuple[type, ...]] = {
     "strength": (Strength,),
     "contact": (Contact,),
 }
-"""Tables of a display file whose every key may stand in a channel as well, and wins there."""
+"""Tables of a display file whose keys may also be set in a channel, where they take precedence."""
 TABLES: dict[str, tuple[type, ...]] = {
     "display": (Display,),
     "channel": (Channel, ForceSensor),

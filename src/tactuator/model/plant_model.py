@@ -48,7 +48,7 @@ class QualityCheck:
 
     @property
     def leaves_open(self) -> bool:
-        """Return true where the record cannot tell for this."""
+        """Return whether the record leaves this open."""
         return self.beyond and self.decides == "cannot tell"
 
     @property

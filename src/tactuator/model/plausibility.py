@@ -1,6 +1,6 @@
 """Figures that can hardly be: a unit of another size, columns in another order, a rate in kilohertz.
 
-Every file is right by itself; what does not fit together is seen where two figures tell of the same thing. Each check
+Each file may be right by itself; a slip shows where two values describe the same thing. Each check
 is one row of `EXPECTED`: what is compared, between which bounds it lies in a sound setup, and the slip that brings it
 below or above them. Its bounds leave room for whatever a person can feel: a slip of units is a factor of a thousand.
 What cannot be speaks against a verdict, and what is only unusual leaves it open.

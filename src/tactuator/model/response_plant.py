@@ -1,9 +1,9 @@
 """A plant from its frequency response by itself, for a channel without a loop: only its magnitude is equalised.
 
 The system is stable and of least phase, of the fewest poles whose magnitude keeps to every point within what the points
-are sure of; beyond the last point it falls. What the curve may do between its points is told by other systems that know
-less of it or bend more: four fitted with one point in four left out, and one of the next number of poles. The greatest
-distance of any of them, anywhere, is what the plant may be off: it widens with the spacing of the points.
+are sure of; beyond the last point it falls. How the curve may run between its points is estimated by other systems that
+use fewer points or more poles: four fitted with one point in four left out, and one of the next number of poles. The
+greatest distance of any of them, anywhere, is what the plant may be off: it widens with the spacing of the points.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A verdict: findings on the paper's objectives, each met, not met or not judged, with what it rests on.
 
-Whoever judges (a model, a measurement, a build) makes findings of one kind, so that a reader compares like with like.
+Every judge (a model, a measurement, a build) makes findings of one kind, which can be compared.
 An objective is met only if something was judged and nothing that counts stayed open.
 """
 
@@ -22,7 +22,7 @@ OBJECTIVES = {
     "iii": "noise is felt below threshold in every third octave, and no resonance stands out",
     "iv": "a finger's load does not change |H| at low frequencies",
     "build": "a board takes the controller as an image",
-    "numbers": "what the display and its plant's record say can be, and goes together (told where it does not)",
+    "numbers": "values are possible and fit together (listed only if they do not)",
 }
 """What each objective asks for, in words, by its number; verdicts name them in this order."""
 
@@ -47,9 +47,9 @@ class Finding:
     """One quantity of one channel under one load.
 
     value and allowed in `unit`; frequency_hz: where the value was found. remark: why it was not judged, what it rests
-    on, or what to change. counts: whether an objective stays open if this was not judged; what is told for
-    information only does not. model: whose plant it is about, where a display was measured several times. side: the
-    sign of what `value` is the size of (felt minus asked), for those who read it; 0 where it is a value of its own.
+    on, or what to change. counts: whether an objective stays open if this was not judged; what is only for information
+    does not. model: whose plant it is about, where a display was measured several times. side: the sign of what `value`
+    is the size of (felt minus requested); 0 if `value` has its own sign.
     """
 
     objective: str
@@ -77,7 +77,7 @@ class Finding:
 
     @property
     def figure(self) -> str:
-        """Return the value as it is read, with the sign of its side and its unit; "—" where there is none."""
+        """Return the value as it is read, with the sign of its side and its unit; "—" without a value."""
         if self.value is None:
             return "—"
         shown = f"{self.side * self.value:+.2f}" if self.side else f"{self.value:.2f}"
@@ -110,7 +110,7 @@ def compared(
 
 
 def in_jnd(error_db: float) -> str:
-    """Return the remark that tells an error of level in just-noticeable differences of amplitude."""
+    """Return the remark that gives a level error in just-noticeable differences of amplitude."""
     return f"{error_db / AMPLITUDE_JND_DB:.1f} just-noticeable differences of {AMPLITUDE_JND_DB:g} dB"
 
 

@@ -37,7 +37,7 @@ def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, 
     controller = calibrated.controller
     display = controller.display
     template = Template(files("tactuator.report").joinpath("calibrated.md").read_text("utf-8"))
-    told = f"The card told of {gaps} gaps; every run with one was repeated." if gaps else "The card told of no gap."
+    reported = f"{gaps} gaps; every run with one was repeated" if gaps else "no gap"
     return template.substitute(
         display=display.name,
         version=__version__,
@@ -52,7 +52,7 @@ def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, 
         low_hz=f"{asked.band_hz[0]:g}",
         high_hz=f"{asked.band_hz[1]:g}",
         level_db_sl=f"{asked.level_db_sl:g}",
-        gaps=told,
+        gaps=f"The card reported {reported}.",
     )
 
 

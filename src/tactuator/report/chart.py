@@ -38,7 +38,7 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
     """Draw the chart with its legend into `ax`, or into pyplot's current axes, and return the axes."""
     axes = pyplot.gca() if ax is None else ax
     if ax is None and pyplot.gcf().get_layout_engine() is None:
-        pyplot.gcf().set_layout_engine("constrained")  # the legend stands above the axes, where it covers nothing
+        pyplot.gcf().set_layout_engine("constrained")  # the legend is above the axes, where it covers nothing
     house(axes)
     handles = _draw_chart(axes, chart)
     if len(handles) > 1:
@@ -48,7 +48,7 @@ def draw(chart: Chart, ax: Axes | None = None) -> Axes:
 
 
 def chart_figure(chart: Chart, name: str, caption: str = "") -> ReportFigure:
-    """Return the chart as a figure of its own, with the numbers of every curve."""
+    """Return the chart as a separate figure, with the numbers of every curve."""
     drawing = panels([[replace(chart, simulated=False)]], 3.6)  # the figure says it above
     rows = (row for curve in chart.curves for row in labelled((curve.label,), np.asarray(curve.x), np.asarray(curve.y)))
     heads = ("curve", chart.x_label, chart.y_label)
@@ -57,7 +57,7 @@ def chart_figure(chart: Chart, name: str, caption: str = "") -> ReportFigure:
 
 def panels(charts: Sequence[Sequence[Chart]], height_in: float, ratios: Sequence[float] | None = None) -> Figure:
     """Return rows of charts as a figure with one legend below. Charts of a row share their y, of a column their x;
-    labels stand at the edges.
+    labels are at the edges.
 
     ratios: of the rows' heights.
     """

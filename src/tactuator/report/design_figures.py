@@ -192,7 +192,7 @@ def resolution_figure(
     band: str = "0.1-300 Hz",
 ) -> ReportFigure:
     """Draw a panel for each filter: bits to keep 0.1 dB (solid) and to be stable (dashed). needed: filter ("prefilter
-    F", ...) to form to rate_hz to bits. whose, band: as the caption tells it.
+    F", ...) to form to rate_hz to bits. whose, band: as in the caption.
     """
     drawing, axes = subplots(1, len(needed), height_in=3.6, sharey=True, squeeze=False)
     for panel, (filter_name, forms) in zip(axes[0], needed.items(), strict=True):

@@ -166,7 +166,7 @@ def excitation_figure(record: Record, channel: str, shown_s: float = 10.0) -> Re
     ]
     caption = (
         f"First {shown_s:g} of the {record.duration_s:g} s from which the {channel} motor was identified: steps, noise "
-        "and sinusoids. The paper names a “delimiter” as well, and does not say what it is: there is none here."
+        "and sinusoids. The paper also names a “delimiter” without saying what it is; it is left out here."
     )
     table = table_of(("time_s", "command_v", "position_v"), labelled((), time, command, position))
     return ReportFigure("excitation", "Excitation of the motor", caption, panels(charts, 3.6), table)

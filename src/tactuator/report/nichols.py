@@ -20,7 +20,7 @@ GAIN_LEVELS_DB = (-40.0, -30.0, -20.0, -12.0, -6.0, -3.0, -1.0, 0.0, 1.0, 3.0, 6
 _PHASE_LEVELS_DEG = tuple(float(angle) for angle in range(-330, 0, 30) if angle != -180)
 MARKS_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 _MARKS_APART_PT = 17.0
-"""Marks nearer than this to one that is written are left out: two of three digits stand side by side."""
+"""Marks nearer than this to one that is written are left out: two of three digits fit side by side."""
 _GRID = "#c4cad0"
 _GRID_INK = "#76818c"
 _FAMILY = "#ece4f3"
@@ -159,7 +159,7 @@ def _grid(axes: Axes, limits: Margins) -> None:
 
 
 def _grid_labels(axes: Axes) -> None:
-    """Write |T| in dB outside the frame, where its contour leaves it; the closed ones stand in the legend."""
+    """Write |T| in dB outside the frame, where its contour leaves it; closed contours are in the legend."""
     style: dict[str, Any] = {
         "fontsize": 6.5,
         "color": _GRID_INK,
@@ -192,7 +192,7 @@ def _templates(axes: Axes, family: Sequence[_Track], run: _Track) -> None:
 
 
 def _margin_marks(axes: Axes, limits: Margins, run: _Track) -> None:
-    """Draw an arrow for each margin that is seen; their figures stand in the legend."""
+    """Draw an arrow for each visible margin; the values are in the legend."""
     ends, texts = [], []
     if np.isfinite(limits.phase_margin_deg):
         ends.append((run.at(limits.crossover_hz)[0], 0.0))
@@ -208,7 +208,7 @@ def _margin_marks(axes: Axes, limits: Margins, run: _Track) -> None:
 
 
 def _frequency_marks(axes: Axes, run: _Track) -> None:
-    """Write frequencies on the loop, each where none of those before stands."""
+    """Write frequencies on the loop, each where no earlier one is."""
     low, high = axes.get_ylim()
     box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": BLUE, "linewidth": 0.8}
     written: list[FloatArray] = []

@@ -1,7 +1,7 @@
 """Rigs by name: "simulated", "in-process", "board:URL", "sound:DEVICE", and those of other packages.
 
-A rig's name, up to a colon, is an entry point of the group `tactuator.rigs`: a function of what stands behind the
-colon, of the display and of a seed, which returns the rig (docs/rig.md). The project's own stand in pyproject.toml.
+A rig's name, up to a colon, is an entry point of the group `tactuator.rigs`: a function of the text after the colon,
+the display and a seed, which returns the rig (docs/rig.md). The project's own are in pyproject.toml.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def serial_rig(url: str, display: Display, seed: int = 0) -> BoardRig:
 
 
 def acknowledge_faults(url: str) -> int:
-    """Tell the board at `url` that a person knows of its sensor and travel faults; give how many there were."""
+    """Acknowledge the sensor and travel faults of the board at `url`; return how many there were."""
     client = _at(url)
     try:
         return client.acknowledge()

@@ -96,7 +96,7 @@ def anybody_feels(fingers: Sequence[Finger]) -> bool:
 
 
 def let_feel(fingers: Sequence[Finger], displacement_mm: FloatArray) -> None:
-    """Hand the displacement, (n, fingers), to every feeler; each gets an array of its own."""
+    """Hand the displacement, (n, fingers), to every feeler, as separate arrays."""
     for index, finger in enumerate(fingers):
         for feeler in finger._feelers:
             feeler(displacement_mm[:, index].copy())
@@ -151,7 +151,7 @@ class Trace:
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
 
     def channel(self, name: str) -> int:
-        """Return the column of a channel. Raises BadInput if there is none of that name."""
+        """Return the column of a channel. Raises BadInput for an unknown name."""
         if name not in self.channels:
             raise BadInput(f"trace: channel {name!r} is not there", f"{', '.join(self.channels)}")
         return self.channels.index(name)
@@ -187,7 +187,7 @@ def take_rows(blocks: list[Cut], count: int) -> list[Cut]:
 
 
 def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ...]) -> Trace:
-    """Return traces that follow one another as one; a trace without samples if there is none."""
+    """Return traces that follow one another as one; without traces, one without samples."""
     parts = list(traces)
     if not parts:
         nothing = np.zeros((0, len(channels)))
@@ -261,9 +261,9 @@ class KeepsTime:
     """What has a clock: attributes that a rig sets while it plays.
 
     began_at: tick (sample of its run) of the first row of the last block or stream by the rig's own clock, `8000`; None
-    before the first, and where it does not tell. rows_played: of that stream, as far as the rig has reported, `400`; on
-    a board whose time goes on that is more than the rows of which the trace has been read. waits: whether time stands
-    still between blocks. speed: of presentation, 1 being real time; None for a rig with a time of its own.
+    before the first, and if the rig does not report it. rows_played: of that stream, as far as the rig has reported,
+    `400`; on a board whose time continues that is more than the rows of which the trace has been read. waits: whether
+    time stops between blocks. speed: of presentation, 1 being real time; None for a rig with its own time.
     """
 
     began_at: int | None = None
@@ -286,7 +286,7 @@ class HasFingers:
     def finger(self, channel: str) -> Finger:
         """Return the finger port of a channel: `<Finger that finger can touch; attached: 0>`.
 
-        Raises BadInput if there is none of that name, or the display is real.
+        Raises BadInput for an unknown name, or a real display.
         """
         if not self._fingers:
             raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
@@ -294,7 +294,7 @@ class HasFingers:
 
 
 def column_of(channel: str, channels: Sequence[str]) -> int:
-    """Return the column of a channel. Raises BadInput if there is none of that name."""
+    """Return the column of a channel. Raises BadInput for an unknown name."""
     if channel not in channels:
         raise BadInput(f"channel {channel!r} is not there", ", ".join(channels))
     return channels.index(channel)

@@ -1,5 +1,5 @@
-"""Rigs that a program computes, whose time stands still between blocks: the simulated display, and anybody's own; and a
-rig that takes as long as the stimuli last, since the simulated display computes faster than a person feels.
+"""Computed rigs, whose time stops between blocks: the simulated display, and your own; and a rig that takes as long as
+the stimuli last, since the simulated display computes faster than real time.
 """
 
 from __future__ import annotations

@@ -77,8 +77,9 @@ class StateObserver:
 
 @dataclass(frozen=True)
 class Standstill:
-    """The limits for a reading that stands still within so many codes: it is stuck once the command since then should
-    have moved the motor by stray_max_v (volts of y)."""
+    """The limits for a reading that stays within so many codes: it is stuck once the command since then should have
+    moved the motor by stray_max_v (volts of y).
+    """
 
     codes: int
     stray_max_v: float

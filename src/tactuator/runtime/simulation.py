@@ -50,7 +50,7 @@ class SimulatedBlock(Block):
 class Simulation:
     """Every channel of `display`: plant, loads, friction, sensor, hum, noise, converters, and a controller if loaded.
 
-    The same seed gives the same numbers, whatever the sizes of the blocks; each channel has noise of its own. Raises
+    The same seed gives the same numbers, whatever the sizes of the blocks; channels have independent noise. Raises
     BadInput for what cannot be simulated: an improper plant, order above 8, a direct part without computing delay.
     """
 

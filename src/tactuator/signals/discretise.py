@@ -112,8 +112,8 @@ def _held(system: ContinuousSystem, rate_hz: float) -> SampledSystem:
 
 
 def _zeros(ad: FloatArray, bd: FloatArray, c: FloatArray, d: float) -> ComplexArray:
-    """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1. One so
-    far away that no double tells it from infinity is none.
+    """Return the transmission zeros in z: finite generalised eigenvalues of the system matrix, found for z - 1. A zero
+    that a double cannot distinguish from infinity is left out.
     """
     order, system = bd.size, np.zeros((bd.size + 1, bd.size + 1))
     system[:order, :order] = ad - np.eye(order)

@@ -123,7 +123,7 @@ _NEAR, _GRID = 0.9, 1500
 
 @dataclass(frozen=True)
 class Peak:
-    """The greatest value of a magnitude, and the frequency (hertz) where it stands."""
+    """The greatest value of a magnitude, and its frequency (hertz)."""
 
     value: float
     frequency_hz: float

@@ -7,7 +7,7 @@ Helms 1974, "Linear programming design of IIR digital filters with arbitrary mag
 
 Powers of x over six decades would be hopeless to compute with. N and D are written as partial fractions instead, 1 and
 a_k/(x + a_k) with a_k even in log frequency: the same functions, and well conditioned. For goals of more than 60 dB
-from end to end N gets fractions of its own, 1 and b_k/(x + b_k), such that prod(x + b_k)/prod(x + a_k) already has the
+from end to end N gets other fractions, 1 and b_k/(x + b_k), such that prod(x + b_k)/prod(x + a_k) already has the
 goal's rough shape; the better of both is taken.
 """
 
@@ -215,8 +215,8 @@ class Program:
         return np.asarray(fractions(square, self._zero_corners) * np.exp(np.sum(logs, axis=1))[:, None])
 
     def _sizes(self, frequency_hz: FloatArray) -> FloatArray:
-        """Return the size of D that the last solution suggests (1 without one), shape (n, 1): what constraints are told
-        in proportion to, since the solver's tolerance is one for all.
+        """Return the size of D that the last solution suggests (1 without one), shape (n, 1): constraints are scaled by
+        it, because the solver has one tolerance for all.
         """
         square = self._squares(frequency_hz)[:, None]
         if self._sized_by is None:
@@ -255,7 +255,7 @@ class Program:
                 raise BadInput(
                     f"no prefilter of {self.order} poles follows the curve within {_WIDEST_DB:g} dB", "more poles"
                 )
-            # before a solution has told the size of D, "impossible" may be rounding alone
+            # before a solution gives the size of D, "impossible" may be rounding alone
             low = high if self._sized_by is not None else low
             high, step = min(high * step, _WIDEST_DB), step**1.5
         while high >= _LEAST_DB:
@@ -268,7 +268,7 @@ class Program:
         return low, high
 
     def _is_possible(self, error_db: float) -> bool:
-        """Tell whether the linear program at that error has a solution on all of the grid."""
+        """Return whether the linear program at that error has a solution on all of the grid."""
         taken = 0
         while taken < np.sum(self._taken):
             taken = int(np.sum(self._taken))
@@ -277,11 +277,11 @@ class Program:
         return True
 
     def _seems_possible(self, error_db: float) -> bool:
-        """Tell whether the linear program at that error has a solution on some points of the grid, by the quickest
+        """Return whether the linear program at that error has a solution on some points of the grid, by the quickest
         pivoting.
 
-        Points that the solution passes are taken in from then on. It tells the size of D too, in proportion to which
-        later constraints are told.
+        Points that the solution passes are included from then on. The size of D, which scales later constraints, is
+        updated.
         """
         coefficients = self._solve(error_db, {} if self._is_delicate else _QUICK, self._taken)
         if coefficients is None:
@@ -424,7 +424,7 @@ def fit_within(goal: MagnitudeGoal, rate_hz: float, order: int, error_db: float)
 
 
 def _refined(best: Program) -> Program:
-    """Solve the program again in a basis of its own solution's roots, as long as it is poor and that helps."""
+    """Solve the program again in a basis of its solution's roots, as long as it is poor and that helps."""
     for enough_db in _REFINED_DB:
         if best.excess_db == 0.0 and (best.order < _REFINED_ORDER or best.error_db <= enough_db):
             break

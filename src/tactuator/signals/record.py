@@ -138,7 +138,7 @@ class Record(Result):
     reference: what a loop around it was asked for, (n,), or None.
 
     about: what is known of its making (rig, date, channel, load, calibration). remarks: what had to be done to it
-    (samples filled, stamps evened out), to be told to whoever uses it.
+    (samples filled, stamps evened out), for the user.
     """
 
     rate_hz: float

@@ -85,7 +85,7 @@ def mains_multiples(mains_hz: float | None, high_hz: float) -> FloatArray:
 
 
 KEEP_OFF_HZ = 2.0
-"""Distance that what is played keeps from multiples of mains, hertz, unless told otherwise."""
+"""Distance that what is played keeps from multiples of mains by default, hertz."""
 
 
 def nearest_mains(frequency_hz: ArrayLike, mains_hz: float) -> FloatArray:
@@ -192,8 +192,9 @@ def power_spectrum(values: ArrayLike, rate_hz: float, resolution_hz: float = 1.0
 
 
 class SlidingWindow:
-    """Holds `rows` (channels, size) of a stream and moves on by `hop` samples, half a window or more; `before` zeros
-    stand before the stream, and zeros after its end. It is filled in place: no block is put together anew.
+    """Holds `rows` (channels, size) of a stream and moves on by `hop` samples, half a window or more; the stream is
+    padded with `before` zeros at its start, and with zeros after its end. The window is filled in place; no block is
+    copied.
     """
 
     def __init__(self, channels: int, size: int, hop: int, before: int, dtype: DTypeLike = np.float64) -> None:

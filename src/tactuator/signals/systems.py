@@ -232,8 +232,8 @@ class ContinuousSystem(_System):
 class SampledSystem(_System):
     """A sampled system gain * prod(z - zeros) / prod(z - poles) * z^-delay_samples, at rate_hz.
 
-    zeros, poles: complex, in the z plane, shape (m,) and (n,). held: what stands behind a hold, computing delay
-    included, where its samples also show images of the held steps: as of an accelerometer's plant.
+    zeros, poles: complex, in the z plane, shape (m,) and (n,). held: what follows a hold, computing delay included, if
+    its samples also show images of the held steps, as for an accelerometer.
     """
 
     zeros: NDArray[Any]

@@ -92,12 +92,12 @@ def assess(
 
 
 def all_kept(assessments: Sequence[MemberAssessment], limits: Sequence[Limit]) -> bool:
-    """Tell whether every member keeps every limit."""
+    """Return whether every member keeps every limit."""
     return all(limit.kept(assessment.figure(limit)) for assessment in assessments for limit in limits)
 
 
 def loop_report(assessments: Sequence[MemberAssessment], channel: Channel) -> dict[str, Any]:
-    """Return the margins, rejection and hum, each the worst over the family, as they stand in controller.json."""
+    """Return the margins, rejection and hum, each the worst over the family, as in controller.json."""
     requirements = channel.feedback
     each = [assessment.margins for assessment in assessments]
     worst = min(each, key=lambda margins: margins.phase_margin_deg)

@@ -18,7 +18,7 @@ import numpy as np
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
-# Where each factor's parameters stand: (kind, first index, +1 numerator or -1 denominator)
+# Position of each factor's parameters: (kind, first index, +1 numerator or -1 denominator)
 _PAIRS = ((1, 1), (4, 1), (6, -1), (8, 1), (10, -1))
 _FIRST = [index for index, _ in _PAIRS]
 _SECOND = [index + 1 for index, _ in _PAIRS]
@@ -148,7 +148,7 @@ def _roots(log_frequency: float, log_damping: float) -> tuple[list[complex], flo
 
 
 LIGHT_DAMPING = 0.5
-"""A pole pair of less damping counts as a mode, which a notch may stand on."""
+"""A pole pair with less damping is a mode, on which a notch may be placed."""
 _MODES_MAX = 3
 
 

@@ -72,7 +72,7 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
 
 def first_alike(display: Display, channel: Channel) -> Channel | None:
     """Return the first channel before `channel` with the same requirements of its loop, as many loads and models, and
-    roots of the plant that differ by less than _ALIKE; None where there is none.
+    roots of the plant that differ by less than _ALIKE, or None.
     """
 
     def asked(of: Channel) -> tuple[object, ...]:
@@ -97,8 +97,8 @@ def design_channel(
     """Design the controller of one channel of `display`; former: that of the `first_alike`, if any.
 
     Of the loops that keep every requirement, in the order of their mean |S|, the first is taken whose prefilter is
-    good for its number of poles (1.95/poles of the flatness objective, or error_db); if there is none, the one with the
-    best prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
+    good for its number of poles (1.95/poles of the flatness objective, or error_db); otherwise the one with the best
+    prefilter among those within 1.5 dB of the least mean, as long as that prefilter serves.
     """
     with single_threaded():  # sums that BLAS splits over threads round differently
         return _designed(display, channel, poles, error_db, former)
@@ -262,7 +262,7 @@ class Headroom:
     binding: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
-        """Return the headroom as it stands in controller.json."""
+        """Return the headroom as in controller.json."""
         return {
             "frequency_hz": self.frequency_hz.tolist(),
             "level": self.level_db_sl.tolist(),

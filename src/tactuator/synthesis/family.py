@@ -1,4 +1,4 @@
-"""The plants that one controller has to hold for: every load, and every model that identification cannot tell apart."""
+"""The plants for which one controller must hold: every load, and every model that fits the record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNLOADED = "none"
 class Member:
     """One plant of a family: the load on it ("none", or its name), which model (0 is the nominal one), and the plant
     as the processor sees it, computing delay included. measured: whose plant it is, where several were measured;
-    variant: which of those that identification cannot tell apart."""
+    variant: which of the models that fit the record."""
 
     load: str
     model: int
@@ -52,8 +52,8 @@ _AT_ONE = 1e-9
 
 
 def bears_any_lower_gain(family: Sequence[Member]) -> bool:
-    """Tell whether a loop with one integrator around each plant can be stable at every lower gain, and so has to be: no
-    pole lies outside the unit circle, and no two at rest. A command at its limit is a loop of lower gain.
+    """Return whether a loop with one integrator around each plant can be stable at every lower gain, and is required to
+    be: no pole outside the unit circle, at most one at z = 1. A clipped command acts like a loop of lower gain.
     """
     poles = [member.sampled.poles for member in family]
     bounded = all(np.all(np.abs(of) <= 1.0 + _AT_ONE) for of in poles)

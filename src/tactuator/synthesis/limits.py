@@ -1,4 +1,4 @@
-"""Limits of a loop, each an object that tells how far off a figure is, and the task that they make with plants.
+"""Limits of a loop, each with the distance of a value from it, and the task of keeping them on given plants.
 
 Limits differ in unit. To compare them, how far off a figure is has a common scale: dB beyond the limit, where five
 degrees of phase count as one.
@@ -44,7 +44,7 @@ class Limit:
 
     @property
     def gives_way(self) -> bool:
-        """Tell whether a looser limit can be asked for: a loop that is unstable at a lower gain is of no use."""
+        """Return whether the limit may be loosened; stability at every lower gain may not."""
         return self.quantity != "least_gain"
 
     @property
@@ -66,7 +66,7 @@ class Limit:
         return np.asarray(-beyond if self.unit == "deg" else beyond)
 
     def kept(self, figure: float) -> bool:
-        """Tell whether a figure keeps the limit."""
+        """Return whether a value keeps the limit."""
         return not self.excess(figure) > 0.0
 
     def excess_db(self, figure: FloatArray | float) -> FloatArray:
@@ -144,7 +144,7 @@ class Task:
 
     @property
     def must_bear_less(self) -> bool:
-        """Tell whether a loop has to be stable at every lower gain."""
+        """Return whether the loop must be stable at every lower gain."""
         return not all(limit.gives_way for limit in self.limits)
 
     def limits_at(self, share: float) -> tuple[Limit, ...]:

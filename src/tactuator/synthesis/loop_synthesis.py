@@ -76,7 +76,7 @@ def synthesise(task: Task, near: SampledSystem | None = None) -> Iterator[Candid
 
 
 def is_possible(task: Task) -> bool:
-    """Tell whether `synthesise` yields anything from its starts."""
+    """Return whether `synthesise` finds anything from its starts."""
     problem = problem_of(task)
     return any(next(_settled(problem, begin), None) is not None for begin in (starts, starts_below_modes))
 
@@ -168,7 +168,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
 
 _WAYS_MAX = 2
 _SLACKENED = (0.05, 0.5, 1.5)
-"""dB by which a limit that is told gives way more than the solver says: the first at which a design is found."""
+"""dB by which a reported limit is loosened beyond the solver's answer: the first with which a design is found."""
 
 
 def diagnosis(task: Task) -> str:

@@ -34,7 +34,7 @@ QUANTILES = (0.5, 0.95, 0.99, 1.0)
 FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")
 _AT_ONCE = 2000
 SHIFT = 0.02
-"""Relative standard deviation of the frequency of a mode where no record tells it."""
+"""Relative standard deviation of a mode's frequency, if no record gives it."""
 _MOST = 1_000_000
 
 
@@ -43,10 +43,9 @@ class DrawnPlants:
     """The fate of the plants drawn for one channel under one load.
 
     stable: of each plant, shape (count,). sensitivity_peak, flatness_db, felt_hum_db_sl: max|S|, greatest error of |H|
-    over the band, level of the loudest mains line, each (count,) (nan where the loop is unstable, or where there is
-    nothing to tell). source: "covariance", "family" or "nominal", what the plants were drawn from. mode_shift: the
-    relative standard deviation with which the frequency of every lightly damped root was shifted; 0 where there is
-    none.
+    over the band, level of the loudest mains line, each (count,) (nan for an unstable loop, or without such a
+    quantity). source: "covariance", "family" or "nominal", what the plants were drawn from. mode_shift: the relative
+    standard deviation with which the frequency of every lightly damped root was shifted; 0 where there is none.
     """
 
     channel: str
@@ -69,7 +68,7 @@ class DrawnPlants:
         return float(1.0 - np.mean(self.stable))
 
     def quantiles(self, values: FloatArray) -> FloatArray:
-        """Return one of the three figures at `QUANTILES` of the stable plants, nan where there is none: shape (4,)."""
+        """Return one of the three figures at `QUANTILES` of the stable plants (nan without one): shape (4,)."""
         finite = values[np.isfinite(values)]
         return np.quantile(finite, QUANTILES) if finite.size else np.full(len(QUANTILES), np.nan)
 

@@ -1,14 +1,14 @@
 """The whole verdict on a controller: the paper's four objectives (its section 2), and building an image.
 
-Objectives are judged by the controller's own sections and a display's figures. What the display file does not say is
-assumed, and what rests on an assumption is told but not judged. A band's noise is judged by its rms times the root of
+Objectives are judged by the controller's own sections and a display's figures. What the display file does not give is
+assumed; what depends on an assumption is reported, not judged. A band's noise is judged by its rms times the root of
 two, the peak of the sinusoid of the same power.
 
-On plants that were drawn (`monte_carlo`), a limit is kept if, as far as that many plants can tell, no more than one in
-twenty passes it, an unstable loop passing every limit; and no loop at all may be unstable. The number of plants that
-pass is binomial: its exact tails exclude, with 95 % confidence, a share of 5 % from above (met) or from below (not
-met), or neither (not judged; more plants would tell). (Clopper & Pearson 1934, "The use of confidence or fiducial
-limits illustrated in the case of the binomial", Biometrika 26.)
+On plants that were drawn (`monte_carlo`), a limit is kept if, with that many plants, no more than one in twenty exceeds
+it, an unstable loop passing every limit; and no loop at all may be unstable. The number of plants that pass is
+binomial: its exact tails exclude, with 95 % confidence, a share of 5 % from above (met) or from below (not met), or
+neither (not judged; more plants would help). (Clopper & Pearson 1934, "The use of confidence or fiducial limits
+illustrated in the case of the binomial", Biometrika 26.)
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ class _Judge:
     def _causes(
         self, shaping: FloatArray, friction: FloatArray, steps: FloatArray
     ) -> dict[str, tuple[FloatArray, str]]:
-        """Return by their words the causes that are worth telling: their share, dB, (n,), and what would help."""
+        """Return the relevant causes by name: their share, dB, (n,), and what would help."""
         less = f"less friction than {1e3 * self.channel.environment.friction_v:.3g} mV of command"
         causes = {
             "friction": (np.abs(friction), less),
@@ -281,8 +281,9 @@ class _Judge:
         return fed_response(fed, self.channel, self.nominal, self.loop, self.member.load, frequency_hz, rate_hz)
 
     def lower_gain(self, bears_less: bool) -> Iterator[Finding]:
-        """Judge objective iii: a command at its limit is a loop of lower gain, which has to be stable as well. Where
-        the plant does not allow that, it is told."""
+        """Judge objective iii: a clipped command acts like a loop of lower gain, which must be stable, too. If the
+        plant does not allow that, it is reported.
+        """
         if self.loop.feedback is not None:
             kind, least = ("iii", "gain below which it is unstable"), 100.0 * margins(self.loop.feedback).least_gain
             finding = self.compared(kind, (least, 0.0, "%"), None, _LESS_GAIN)
@@ -292,7 +293,7 @@ class _Judge:
                 yield replace(_open(finding, _RUNS_AWAY), counts=False)
 
     def unknown(self) -> Iterator[Finding]:
-        """Tell where band and crossover leave the frequencies at which the plant is known."""
+        """Report where band and crossover leave the frequencies at which the plant is known."""
         if self.channel.unknown_words:
             yield self.open("i", f"{FELT_MINUS_ASKED} beyond the known band", self.channel.known_words)
         if self.loop.feedback is not None:
@@ -340,7 +341,7 @@ class _Judge:
             yield self.compared(("iii", RESONANCE), figure, peak_t.frequency_hz, remedy)
 
     def load(self) -> Finding:
-        """Judge objective iv; the worst change over the band is told beside it. A controller that feeds forward for a
+        """Judge objective iv; the worst change over the band is also reported. A controller that feeds forward for a
         finger is judged over the whole band, with the weights that it finds.
         """
         asked, frequency = self.display.objectives, band_grid_hz(self.channel, _POINTS)
@@ -422,7 +423,7 @@ def _guessed(channel: Channel, frequency_hz: float) -> list[str]:
 
 
 MAY_PASS, CONFIDENCE = 0.05, 0.95
-"""Share of plants that may pass a limit, and the confidence with which that is told."""
+"""Share of plants that may exceed a limit, and the confidence of that statement."""
 _UNSTABLE = "unstable loops"
 
 
@@ -479,6 +480,6 @@ def _judged(
         outcome, remark = Outcome.NOT_MET, f"{share}; more reserve in [feedback], or a plant that is better known"
     if plants.source == "nominal":
         outcome = Outcome.NOT_JUDGED
-        remark = "nothing tells how the plant may differ; a model by `identify`, a covariance or a family"
+        remark = "the spread of the plant is unknown; use a model from `identify`, a covariance or a family"
     value_or_none = value if np.isfinite(value) else None
     return Finding(objective, plants.channel, plants.load, outcome, named, value_or_none, allowed, unit, remark=remark)

@@ -1,4 +1,4 @@
-"""The prefilter: what makes a reference of amplitude one stand at threshold at every frequency.
+"""The prefilter, with which a reference of amplitude one is at threshold at every frequency.
 
 H = F T is to equal the threshold voltage of the curve, on the sampled loop as it will run and without a load. Where
 there is no loop, F equalises the plant itself.
@@ -90,7 +90,7 @@ def fit_prefilter(
 
 
 def bare_loop(feedback: SampledSystem | None, plant: SampledSystem) -> TwoDegreeLoop:
-    """Return what stands behind a prefilter, T or the plant itself, as a loop whose prefilter is one.
+    """Return what follows a prefilter, T or the plant itself, as a loop whose prefilter is one.
 
     Raises UnstableLoop for an unstable loop.
     """

@@ -173,7 +173,7 @@ def _around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
 
 @lru_cache(maxsize=8)
 def problem_of(task: Task, share: float = 1.0) -> LoopProblem:
-    """Return the problem before anything tightens it: what was solved once is known by whoever asks again."""
+    """Return the problem before anything tightens it; solutions are cached."""
     return LoopProblem(task, share)
 
 
@@ -291,7 +291,7 @@ def _solve_near(
 
 
 def is_sound(feedback: SampledSystem, task: Task) -> bool:
-    """Tell whether the loop is stable on every plant and, where it must bear less, at every lower gain."""
+    """Return whether the loop is stable on every plant and, if required, at every lower gain."""
     loops = [FeedbackLoop(feedback, member.sampled) for member in task.family]
     most = 0.0 if task.must_bear_less else 1.0
     return all(loop.is_stable and least_gain(loop.open_loop) <= most for loop in loops)
@@ -401,7 +401,7 @@ _SAME_DB = 1e-3
 def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Solution]:
     """Yield stable local solutions, those of `beginnings` first: each that of a step away from one yielded before, the
     nearer to the limits the more often. The sequence ends after _HOPS steps, or sooner the farther from the limits the
-    nearest is: steps find tenths of a dB, not whole ones. Whoever is content ends it before.
+    nearest is: steps find tenths of a dB, not whole ones. The caller can stop earlier.
     """
     pool: list[Solution] = []
     for start in chain(beginnings, _steps_away(beginnings, pool)):

@@ -5,9 +5,9 @@
                continuous filter, or nearly
 
 Poles crowd towards z = 1 as the rate rises, so coefficients of z^-1 need ever more bits; one direct form of high order
-more than second-order sections, and sections in delta form hardly any. What the rounded numbers stand for is a table of
-rows b0, b1', ..., a1', ... in d (as core/arithmetic/section.h, or longer), and is examined in double precision there,
-where nothing more is lost.
+more than second-order sections, and sections in delta form hardly any. The rounded numbers are a table of rows b0, b1',
+..., a1', ... in d (as core/arithmetic/section.h, or longer), and is examined in double precision there, where nothing
+more is lost.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def presented(store, clock):
 
 
 DRY = StreamDry("the stream ran dry 240 samples after its beginning", "a faster host", 12)
-GAP = SoundGap("the sound card told of a gap 0.060 s after the beginning")
+GAP = SoundGap("the sound card reported a gap 0.060 s after the beginning")
 
 
 def dry(rig, times, monkeypatch, error=DRY):
@@ -204,7 +204,7 @@ def dry(rig, times, monkeypatch, error=DRY):
 
 
 @pytest.mark.parametrize(
-    ("times", "error", "words"), [(2, DRY, "the stream ran dry 240 samples"), (1, GAP, "the sound card told of a gap")]
+    ("times", "error", "words"), [(2, DRY, "the stream ran dry 240 samples"), (1, GAP, "the sound card reported a gap")]
 )
 def test_present__timing_missed__is_noted_and_the_trial_played_again(presented, monkeypatch, times, error, words):
     dry(presented.task.apparatus.rig, times, monkeypatch, error)

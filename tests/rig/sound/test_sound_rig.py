@@ -159,7 +159,7 @@ def test_drive__gaps_told_by_the_card__is_repeated_and_every_gap_counted(times: 
 
 def test_drive__a_gap_every_time__is_refused():
     rig, _ = turned_rig(sound_display(), flags=lambda call: OVERFLOW)
-    with pytest.raises(SoundGap, match="told of a gap"):
+    with pytest.raises(SoundGap, match="reported a gap"):
         rig.drive(commands(3000))
     assert rig.gaps >= TRIES
 

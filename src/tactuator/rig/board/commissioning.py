@@ -54,7 +54,7 @@ STILL_CODES, STRAY_SHARE = 6, 0.12
 of its travel: five times what presses of a finger bring about (docs/safety.md). Within eight codes, a sound sensor
 stood still for 0.2 s under a finger that let go slowly."""
 STILL_HUM_CODES = 3.0
-"""Least hum, at its peak: a quieter sensor stands still by itself while the loop holds a finger, and is not judged."""
+"""Least hum, at its peak: a quieter sensor may read one code while the loop holds a finger, and is not judged."""
 JUMP_FORCE_V, JUMP_NOISES, JUMP_SHARE = 1.0, 12.0, 0.1
 """A finger's force that sets in at once, in volts of command; the sensor's noise (rms); the model's own error. Lawful
 play came to two thirds of what is allowed (docs/safety.md)."""
@@ -118,8 +118,8 @@ def _band(channel: Channel) -> FloatArray:
 
 
 def standstill(channel: Channel) -> Standstill:
-    """Return the limits for a sensor that is stuck; NEVER for one so quiet that it stands still when it is sound. They
-    are not reached without a model of the plant.
+    """Return the limits for a stuck sensor; NEVER for one so quiet that a sound one reads a constant code. They are not
+    reached without a model of the plant.
     """
     hum_codes = sum(channel.environment.hum_v_peak) / channel.converter.step_v
     stray_max_v = STRAY_SHARE * channel.travel_mm * channel.sensor_gain_v_per_mm
@@ -184,8 +184,9 @@ def frozen_ticks(channel: Channel, rate_hz: float) -> int:
 
 
 def reversal_power(channel: Channel, rate_hz: float) -> float:
-    """Return the mean square of motion, in V^2 between two looks at a rate of rate_hz, from which its sign can be told:
-    REVERSAL_NOISES times what the noise of two readings' difference leaves in the guard's mean over some 40 of them.
+    """Return the mean square of motion, in V^2 between two looks at a rate of rate_hz, from which its sign can be
+    determined: REVERSAL_NOISES times what the noise of two readings' difference leaves in the guard's mean over some 40
+    of them.
     """
     environment, step_v = channel.environment, channel.converter.step_v
     hum = sum(

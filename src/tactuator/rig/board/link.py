@@ -369,7 +369,7 @@ class LinkClient:
             return Status.parse(payload)
 
     def acknowledge(self) -> int:
-        """Tell the board that its sensor and travel faults are known, and return how many there were since it began."""
+        """Acknowledge the board's sensor and travel faults; return how many there were since its start."""
         count = self.status().sensor_faults
         self.must(Request.ACKNOWLEDGE, struct.pack("<I", count))
         return count

@@ -54,7 +54,7 @@ _WAITING_LEAD_S = 0.6 * SILENCE_S
 
 
 def _at_once(seconds: float) -> None:
-    """Wait for nothing: the board's time stands still."""
+    """Do not wait: the board's time is stopped."""
 
 
 class BoardRig(Rig):
@@ -62,9 +62,9 @@ class BoardRig(Rig):
 
     client: the link, for requests of one's own; fed_to: the tick of its run to which the board has been given rows.
     A board without a safety table gets this display's; one that has a table keeps it, whatever is loaded.
-    On a board whose display is simulated time stands still between blocks, so that two blocks are one block cut in
-    two, and its finger ports can be touched. On a real one, and on one that is not to wait (`waits` False), time
-    goes on: the loop holds r = 0 between blocks, and what must not be cut is a stream.
+    On a board with a simulated display time stops between blocks, so two blocks are one block cut in two, and its
+    finger ports can be touched. On a real one, or with `waits` False, time continues: the loop holds r = 0 between
+    blocks, and what must not be interrupted is a stream.
     """
 
     reshapes = feeds_forward = True
@@ -130,7 +130,7 @@ class BoardRig(Rig):
     def play_tones(self, tones: Mapping[str, Sequence[BoardTone]], duration_s: float) -> Trace:
         """Play tones that the board makes itself, by channel, and return their trace, the only thing streamed.
 
-        A run of its own, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
+        A separate run, from rest to rest. Raises BadInput for tones that the board does not take, and RigFault.
         """
         self._require_controller()
         if not 0.0 <= duration_s <= LONGEST_S:

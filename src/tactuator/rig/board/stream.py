@@ -50,8 +50,8 @@ class BoardStream:
     """Feeder of one stretch's rows to a board: `lead` of them ahead of what it plays; none goes while the trace is
     `lag` behind.
 
-    waits: the board's time stands still while it has no row (boards whose display is simulated); otherwise time goes
-    on, and a row that comes too late raises StreamDry. fingers are pressed, and feel.
+    waits: the board's time stops while it has no row (boards with a simulated display); otherwise time continues, and a
+    late row raises StreamDry. fingers are pressed, and feel.
     """
 
     def __init__(
@@ -75,8 +75,8 @@ class BoardStream:
 
     @property
     def rows_played(self) -> int:
-        """Return the number of rows that the board has played, as far as it has reported; where its time stands still,
-        those of which the trace has been read.
+        """Return the number of rows that the board has played, as far as it has reported; if its time stops, those of
+        which the trace has been read.
         """
         reached = self._got if self._waits else min(max(self._tick, self._got), self.end)
         return max(0, reached - self.first)
@@ -169,11 +169,11 @@ class BoardStream:
         return part
 
     def _require_progress(self) -> None:
-        """Raise DeviceFault where a board that waits has been given rows and stands still all the same."""
+        """Raise DeviceFault if a waiting board has rows and does not play them."""
         self._idle += self._waits
         if self._idle > _IDLE_READS:
             raise DeviceFault(
-                f"the board stands at tick {self._tick} of its run and has been given rows to {self.end}",
+                f"the board stopped at tick {self._tick} of its run, although it has rows up to {self.end}",
                 "one that plays them",
             )
 
@@ -182,7 +182,7 @@ class BoardStream:
         status = self._client.status()
         status.require_no_fault()
         if status.mode is not Mode.RUNNING:
-            raise BadInput(f"the board is {status.mode.name}: somebody has stopped it", "one that nobody else uses")
+            raise BadInput(f"the board is {status.mode.name}: stopped by another user", "a board that nobody else uses")
         self._tick = status.tick
         return status.stream_end
 

@@ -44,7 +44,7 @@ _T = TypeVar("_T")
 
 
 class AudioThread:
-    """Calls in a thread of its own, which begins with the first one. After one that did not come back, each fails.
+    """Calls in a separate thread, started by the first one. After a call that did not return, each fails.
 
     lost: a call did not come back, or its server has gone: the program ends without ending what is called.
     """
@@ -164,7 +164,7 @@ def name_jack_client() -> bytes | None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the audio libraries, which write warnings of their own, off standard error for the block."""
+    """Keep the warnings of the audio libraries off standard error for the block."""
     sys.stderr.flush()
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)

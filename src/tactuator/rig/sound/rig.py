@@ -41,7 +41,7 @@ _RING_S, _RING_DB, _FADE_S = 0.5, -80.0, 0.02
 """A controller dies away for half a second at most, to 80 dB below its loudest, and its end is faded: below threshold
 for what begins at comfort, 55 dB SL."""
 _SLOWEST = 0.5
-"""Share of the band's lower edge below which a sensor of velocity or acceleration does not tell of displacement."""
+"""Share of the band's lower edge below which a velocity or acceleration sensor does not show displacement."""
 Flags = NDArray[np.bool_]
 Answer = TypeVar("Answer")
 _Piece = tuple[FloatArray, FloatArray, Flags]
@@ -91,8 +91,8 @@ class SoundRig(Rig):
 
     Time goes on: between blocks nothing is put out, and what must not be cut is a stream. A row of a trace is an
     instant of the card's clock; what is taken in is put back by the display's latency_samples. A run with a gap raises
-    SoundGap, and `drive` repeats it first, as `repeated` does. allow_gaps: gaps of which the card tells are counted
-    (`gaps`), and the run goes on.
+    SoundGap, and `drive` repeats it first, as `repeated` does. allow_gaps: gaps that the card reports are counted
+    (`gaps`), and the run continues.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class SoundRig(Rig):
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts, from rest; its first 20 ms are faded in, as the trace
-        tells. A run with a gap is repeated.
+        shows. A run with a gap is repeated.
 
         Raises BadInput for what is not finite and where an input clips; SoundGap and CardGone.
         """
@@ -358,9 +358,9 @@ def displacement_sections(channel: Channel, rate_hz: float) -> tuple[FloatArray,
     """Return the sections, cascade after cascade, from volts of command to millimetres at the finger by the channel's
     model: its plant without dead time, integrated as often as the sensor has differentiated.
 
-    A sensor of velocity or acceleration does not tell what moves slowly: below half the band's lower edge the integral
-    is let go, s / (s + w)^2 in the place of 1 / s, with 1.25 times its gain so that nothing in the band is told for
-    less than it is. Raises BadInput for a plant that is not stable, whose travel no open loop can hold.
+    A velocity or acceleration sensor does not show slow motion: below half the band's lower edge the integral decays, s
+    / (s + w)^2 in place of 1 / s, with 1.25 times its gain so that nothing in the band is underestimated. Raises
+    BadInput for a plant that is not stable, whose travel no open loop can hold.
     """
     plant = channel.plant
     if not plant.is_stable:

@@ -108,7 +108,7 @@ class CardRows:
         for at, words in (
             (self._rows.dry_at, "the program was too slow to feed the sound card"),
             (self._rows.lost_at, "the program was too slow to read the sound card"),
-            (_NEVER if allow_gaps else self._rows.gap_at, "the sound card told of a gap"),
+            (_NEVER if allow_gaps else self._rows.gap_at, "the sound card reported a gap"),
         ):
             if at != _NEVER:
                 raise SoundGap(
@@ -175,7 +175,7 @@ class CardRun:
             self._wait()
 
     def _wait(self) -> None:
-        """Wait a little. Raises CardGone where the card's clock stands still."""
+        """Wait a little. Raises CardGone if the card's clock has stopped."""
         self._sleep(POLL_S)
         frames = self._rows.frames
         if frames != self._seen:
