@@ -1,4 +1,4 @@
-"""Types of arrays, one for each kind of number; the shapes stand in the docstrings; and fields that stay as given."""
+"""Types of arrays, one for each kind of number (shapes are in the docstrings), and fields that stay as given."""
 
 import numpy as np
 from numpy.typing import NDArray

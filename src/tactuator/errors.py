@@ -2,12 +2,12 @@
 
     TactuatorError
     ├── BadInput       2   input that cannot be used
-    │   └── UnstableLoop   a loop is unstable, so that what was asked of it has no answer (loop)
+    │   └── UnstableLoop   a loop is unstable, so the question has no answer (loop)
     ├── NoDesign       2   no controller keeps what was asked for
     │   └── NoEqualiser    for what was measured; it holds that (measure/open_loop)
     ├── DeviceFault    3   a rig, a link or a sound card failed
     │   ├── LinkDown       the other end of a link does not answer (rig/transport)
-    │   ├── LinkGarbled    a board answers what is no answer (rig/board)
+    │   ├── LinkGarbled    malformed reply from a board (rig/board)
     │   ├── RigFault       the guard of a board ended the run (rig/board)
     │   ├── RigLocked      a board is locked out until its faults are acknowledged (rig/board)
     │   ├── CardGone       a sound card does not call back any more (rig/sound)
@@ -59,7 +59,7 @@ class TactuatorError(Exception):
         self.file = ""
 
     def within(self, *where: str) -> Self:
-        """Return the same error, told to lie within `where`, outermost first."""
+        """Return the same error, located within `where`, outermost first."""
         self.where = (*where, *self.where)
         return self
 
@@ -87,7 +87,7 @@ class BadInput(TactuatorError, ValueError):
 
 @contextmanager
 def within(*where: str) -> Iterator[None]:
-    """Tell of input that is refused in the block that it lies within `where`, outermost first."""
+    """Locate input that the block refuses within `where`, outermost first."""
     try:
         yield
     except BadInput as error:
@@ -118,7 +118,7 @@ def unquoted() -> Iterator[None]:
 
 
 class NoDesign(TactuatorError, ValueError):
-    """No controller keeps the limits that were asked for; the message tells which limits bind."""
+    """No controller keeps the limits that were asked for; the message names the binding limits."""
 
 
 class DeviceFault(TactuatorError):
@@ -128,7 +128,7 @@ class DeviceFault(TactuatorError):
 
 
 class TimingMissed(DeviceFault):
-    """A rig did not play what it was given at its time; the same may be asked for again."""
+    """A rig did not play on time; the same may be requested again."""
 
 
 class StoreFault(TactuatorError):
@@ -142,7 +142,7 @@ class Interrupted(TactuatorError):
 
 
 def unknown(what: str, name: str, known: Iterable[str], *, where: tuple[str, ...] = ()) -> BadInput:
-    """Return the refusal of a name that is none of those known: with the one that was likely meant, or with all."""
+    """Return the refusal of an unknown name, with the one that was likely meant, or with all."""
     names = list(known)
     meant = likely(name, names)
     return BadInput(f"no {what} {name!r}{meant}", "" if meant else ", ".join(names), where=where)

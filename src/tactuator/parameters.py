@@ -56,7 +56,7 @@ Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 @dataclasses.dataclass(frozen=True)
 class Wording:
-    """What a page says of a parameter where its type and default do not tell: what is allowed, what is usual."""
+    """What a page says of a parameter beyond its type and default: what is allowed, what is usual."""
 
     allowed: str = ""
     default: str = ""
@@ -74,7 +74,7 @@ Band = Annotated[tuple[Positive, Positive], AfterValidator(_ascending), Wording(
 
 
 def kept_by(check: Callable[[Any], Any], allowed: str) -> tuple[PlainValidator, Wording]:
-    """Return the annotations of a parameter of a type of its own: `check` returns its value, or raises BadInput."""
+    """Return the annotations of a parameter with a special type: `check` returns its value, or raises BadInput."""
     return PlainValidator(check), Wording(allowed)
 
 

@@ -38,8 +38,8 @@ def begin_helper(nicer: int = 0) -> None:
     """Begin the life of a helper process, by so much nicer to others; it is the initializer of a pool.
 
     Ctrl-C at the terminal is for the process that started it. Where it is terminated, it leaves through the `finally`
-    clauses of its work. Where the process that started it is killed, nobody would ever tell it that no more work comes:
-    it ends by itself, in the same way.
+    clauses of its work. Where the process that started it is killed, nothing would ever end it: it ends by itself, in
+    the same way.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
@@ -70,9 +70,8 @@ _within: list[threadpool_limits] = []
 def single_threaded(*, scipys: bool = True) -> Iterator[None]:
     """Keep BLAS to one thread: sums that it splits over threads round differently, and its threads wait for each other.
 
-    SciPy brings a BLAS of its own, which comes with the first of its parts that needs it: a limit that was set before
-    does not hold for it. scipys: does the work use it? The limit is the whole process's: of several threads at work,
-    the last to end takes it away.
+    SciPy has its own BLAS, loaded with the first module that needs it: an earlier limit does not hold for it. scipys:
+    does the work use it? The limit is the whole process's: of several threads at work, the last to end takes it away.
     """
     _ = scipy.linalg.blas if scipys else None
     with _changing:

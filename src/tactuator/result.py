@@ -132,7 +132,7 @@ class ChartLine:
 
     label: in the legend ("": none). x, y: (n,). half: of the 95 % confidence of y, (n,), or (2, n) below and above; a
     band about a line, bars at marks. style: as matplotlib writes it ("-", "--", "o", "o-"). crossed: points that do not
-    count, (n,). colour: its place in the palette, a colour of its own, or None for the next. right: has the axis at the
+    count, (n,). colour: its place in the palette, another colour, or None for the next. right: has the axis at the
     right. width: of the line, points.
     """
 

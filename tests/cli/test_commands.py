@@ -292,7 +292,7 @@ def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, run):
         ("--loud", "--loud (`tactuator --help` tells"),
         ("trial --loud", "--loud (`tactuator trial --help` tells"),
         ("trial --rate-hz fast", "valid number, unable to parse string as a number (got 'fast')"),
-        ("trial surplus", "(surplus) (`tactuator trial --help` tells what it takes"),
+        ("trial surplus", "(surplus) (`tactuator trial --help` lists what it takes"),
     ],
 )
 def test_main__misused__exits_2_with_one_line(arguments, words, trial, run):

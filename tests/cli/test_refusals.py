@@ -43,7 +43,7 @@ REFUSALS = {
     "measure response --controller controller.json --level 90": "level (--level) of 90 dB SL; expected -60 to 55 dB SL",
     "measure response --controller controller.json --frequency-hz 301": "301 Hz; expected 0.4 to 300 Hz, the band",
     "init --examples . --like lra": "--examples alone",
-    "init --like lra": "display.toml is there already",
+    "init --like lra": "display.toml already exists",
     "render speech.wav --out n.wav --controller controller.json --figures figures": "--figures without --felt",
     "render speech.wav --out n.wav": "neither --display nor --controller",
     "render . --out . --controller controller.json": ". holds .; ",

@@ -94,7 +94,7 @@ def test_value__typed_at_a_handle__is_taken_or_told_and_nothing_is_lost(page):
     assert page.locator("#gain").input_value() == f"{before['gain_db']:.2f}"
     page.locator("#gain").fill("")
     page.keyboard.press("Enter")
-    page.wait_for_selector(".wrong:has-text('empty; expected a number')")
+    page.wait_for_selector(".wrong:has-text('empty: enter a number')")
     assert shape(page) == before
     page.locator("[aria-label='kind of factor']").select_option("zeros")
     page.locator("#add").focus()

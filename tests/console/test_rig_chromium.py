@@ -96,7 +96,7 @@ def test_scope__by_keyboard_alone__plays_is_touched_paused_saved_and_stopped(pag
     page.wait_for_selector("#play:has-text('Silence')")
     pressed(page, "#play", "#wave-now:has-text('silent')")
     until(page, "window.scopeLast.lost === 0")
-    until(page, "document.querySelector('#levels small').textContent === 'sensor’s own hum, noise'")
+    until(page, "document.querySelector('#levels small').textContent === 'sensor hum and noise'")
     page.locator("#pause").focus()
     page.keyboard.press("Enter")
     frames_past(page)

@@ -93,7 +93,7 @@ def measured(page, lab):
     page.locator("#frequencies").fill("one, 10")
     page.locator("#measure").click()
     assert page.locator(".wrong").all_inner_texts() == [
-        "empty; expected -60 to 55",
+        "empty: enter -60 to 55",
         "“one” is no number above 0; expected frequencies in Hz, commas between",
     ]
 
@@ -160,7 +160,7 @@ def test_experiment__by_keyboard_alone__is_begun_run_exported_and_ended(browser,
         page.set_input_files("#protocol-file", good)
         page.wait_for_selector("#about-protocol:has-text('detection, language en, subjects S1, S2. no curve: ')")
         page.set_input_files("#protocol-file", bad)
-        page.wait_for_selector(".drop .told:has-text('seed')")
+        page.wait_for_selector(".drop .alert:has-text('seed')")
         assert page.locator("#begin").is_disabled()
         page.set_input_files("#protocol-file", good)
         page.wait_for_selector("#about-protocol:has-text('“short”')")

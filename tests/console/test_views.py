@@ -83,7 +83,7 @@ def test_save__with_a_drawn_curve__is_what_the_shown_command_writes(state, plain
 def test_fit__of_a_curve_that_is_none__is_refused_in_words(state):
     for points, words in (
         ([[1.0, 0.0], [0.5, 0.0], [300.0, 0.0]], "out of order"),
-        ([[0.4, 0.0], [0.4, 1.0], [300.0, 0.0]], "stands twice"),
+        ([[0.4, 0.0], [0.4, 1.0], [300.0, 0.0]], "occurs twice"),
         ([[10.0, 0.0], [20.0, 0.0], [30.0, 0.0]], "covers"),
     ):
         with pytest.raises(BadInput, match=words):

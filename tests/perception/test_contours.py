@@ -118,7 +118,7 @@ def test_library__every_curve__tells_its_provenance() -> None:
     [
         ([1.0, 2.0], [0.0, 0.0], "2 points; expected three or more"),
         ([1.0, 3.0, 2.0], [0.0, 0.0, 0.0], "2 Hz is out of order"),
-        ([1.0, 2.0, 2.0], [0.0, 0.0, 0.0], "2 Hz stands twice"),
+        ([1.0, 2.0, 2.0], [0.0, 0.0, 0.0], "2 Hz occurs twice"),
         ([-1.0, 2.0, 3.0], [0.0, 0.0, 0.0], "frequency -1 Hz; expected positive"),
         ([1.0, 2.0, 3.0], [0.0, 0.0], "3 frequencies and 2 levels"),
         ([1.0, 2.0, 3.0], [0.0, np.nan, 0.0], "not a finite number"),

@@ -88,11 +88,11 @@ def check(
     ] = None,
     seed: Seed = 0,
 ) -> Verdict:
-    """Judge a controller by the paper's four objectives. What a board takes is judged, too; exit status 1 if one fails.
+    """Judge a controller by the paper's four objectives. Also by what a board accepts; exit status 1 if one is not met.
 
     display: in place of the controller's own. Raises BadInput for one that the controller cannot run.
 
-    >>> tt.check(controller).sentence  # friction, noise and hum stand in no file of this display
+    >>> tt.check(controller).sentence  # this display does not give friction, noise and hum
     'not judged (i, iv, build: met; ii, iii: not judged)'
     """
     judged, shown = read(controller), None if display is None else chosen_display(display)
@@ -261,7 +261,7 @@ def build_image(
     3
     """
     loaded = read(controller)
-    with nullcontext() if out is None else atomic_path(out) as beside:  # a folder that is not there is told at once
+    with nullcontext() if out is None else atomic_path(out) as beside:  # a missing folder is reported at once
         with working("comparing float32 with double precision"):
             content, report = built(loaded)
         if beside is not None:
@@ -271,12 +271,9 @@ def build_image(
 
 def read_image(
     file: Annotated[Place, Argument("Image file that `build` wrote.", file=True)],
-    controller: Annotated[
-        Controller | Place | None, Option("Controller file: is the image its, and for its display?", file=True)
-    ] = None,
+    controller: Annotated[Controller | Place | None, Option("Controller file to compare with.", file=True)] = None,
 ) -> ImageResult:
-    """Show what a firmware image contains. The core checks all of it first; exit status 1 if it is another
-    controller's.
+    """Show what a firmware image contains. Exit status 1 if it is another controller's.
 
     Raises BadInput for what is no image, and with a controller for an image that its display could not run.
 
@@ -313,7 +310,7 @@ class AcknowledgedResult(Result):
 
 
 def acknowledge(rig: Annotated[str, Option("The board: board:PORT or board:URL.")]) -> AcknowledgedResult:
-    """Tell a board that its sensor faults are known. After three of them it stays off until then."""
+    """Acknowledge sensor faults on a board. After three faults it stays off until then."""
     if not rig.startswith("board:"):
         raise BadInput(f"rig {rig!r} is no connected board", "board:PORT or board:URL")
     return AcknowledgedResult(rig, acknowledge_faults(rig.removeprefix("board:")))

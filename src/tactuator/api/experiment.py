@@ -62,7 +62,7 @@ StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), o
 StudyName = Annotated[str | None, Option("Name of the study; default: the store's only one.")]
 Code = Annotated[str, Argument("Code of the subject: letters and digits.", metavar="CODE")]
 ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]
-OperatorName = Annotated[str | None, Option("Who does this, which is kept; default: your login name.")]
+OperatorName = Annotated[str | None, Option("Your name, for the log; default: your login name.")]
 SkinTemperatureC = Annotated[float | None, Option("Skin temperature of the day, °C.")]
 
 
@@ -185,19 +185,19 @@ class CorrectedResult(Result):
 def correct(
     code: Code,
     store: StoreFile,
-    reason: Annotated[str, Option("Why: it is kept with what stood there before.")],
+    reason: Annotated[str, Option("Why; logged with the old value.")],
     study: StudyName = None,
     group: Annotated[str | None, Option("Any name, as hearing or neuropathy.")] = None,
     participant_id: ParticipantId = None,
-    visit: Annotated[int | None, Option("Visit of the data of the day; default: the only one.")] = None,
+    visit: Annotated[int | None, Option("Which visit; default: the only one.")] = None,
     skin_temperature_c: SkinTemperatureC = None,
     preload_n: Annotated[float | None, Option("Contact force of the day, N.")] = None,
     fact: Annotated[
-        list[str] | None, Option("An item of [[demographic]]; NAME= takes it away.", metavar="NAME=VALUE")
+        list[str] | None, Option("An item of [[demographic]]; NAME= removes it.", metavar="NAME=VALUE")
     ] = None,
     operator: OperatorName = None,
 ) -> CorrectedResult:
-    """Correct the data of a subject or a visit. What stood there stays in the store and in exports."""
+    """Correct the data of a subject or a visit. The old value stays in the store and in exports."""
     part = _part(code, group, participant_id, skin_temperature_c, [])
     if preload_n is not None and not 0.0 <= preload_n < float("inf"):
         raise BadInput(f"{preload_n:g}", "a number of 0 or more", where=("subject",), key="preload_n")
@@ -290,8 +290,8 @@ def observe(
     lsl: Lsl = False,
     seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
-    """Run simulated subjects through a study. It is of detection or of strength; they feel what the loop of the
-    simulated display makes of it. With --lsl they wait for a recorder.
+    """Run simulated subjects through a study. Detection or strength, on a simulated display. With --lsl they wait for a
+    recorder.
 
     >>> tt.observe("small.toml", "observed.db", seed=1).store
     'observed.db'
@@ -324,7 +324,7 @@ def observe(
 
 
 def _truth(path: Place, band_hz: tuple[float, float]) -> RelativeCurve:
-    """Return somebody's threshold from a CSV, and tell where it is held beyond its ends to cover the band."""
+    """Return a person's threshold from a CSV; report where it is extended to cover the band."""
     curve = read_relative_curve(Path(path))
     (low_hz, high_hz), (lowest_hz, highest_hz) = curve.frequency_hz[[0, -1]], band_hz
     if lowest_hz < low_hz or high_hz < highest_hz:
@@ -334,7 +334,7 @@ def _truth(path: Place, band_hz: tuple[float, float]) -> RelativeCurve:
 
 
 def _make_ready(place: Apparatus, warning: str) -> None:
-    """Tell the warning; wait for a recorder, if any is to come. Raises BadInput where nobody simulated can sit."""
+    """Print the warning; wait for a recorder, if requested. Raises BadInput for a rig without finger ports."""
     require_finger_ports(place.rig, place.name)
     if warning:
         say(warning)
@@ -362,7 +362,7 @@ class StoreThresholds(Result):
 
     @property
     def ending(self) -> BaseException | None:
-        """Return why there is no curve, where one was asked for: the thresholds are worth telling all the same."""
+        """Return why there is no curve, if one was requested; the thresholds are printed all the same."""
         return self.results.no_curve if self.is_curve_asked else None
 
     def facts(self) -> Sequence[Fact]:
@@ -456,7 +456,7 @@ def _point(group: GroupCurve, hertz: float) -> tuple[str, str]:
 def thresholds(
     store: StoreFile,
     group: Annotated[str | None, Option("Only subjects of this group.")] = None,
-    reference: Annotated[str | None, Option("Curve (name or CSV) that 0 dB SL stood for.")] = None,
+    reference: Annotated[str | None, Option("Curve (name or CSV) to which dB SL referred.")] = None,
     curve_out: Annotated[
         Place | None, Option("Write the curve across subjects (CSV) for `design`.", writes=True)
     ] = None,
@@ -465,10 +465,10 @@ def thresholds(
         list[str] | None, Option("Subject to leave out of the curve, or flagged: all doubtful thresholds; repeatable.")
     ] = None,
 ) -> StoreThresholds:
-    """Refit thresholds of every finished run. They come with flags, and with the curve across subjects.
+    """Refit thresholds of every finished run. Gives flags, and the curve across subjects.
 
-    The curve has everybody, unless somebody is left out; beside it stands the one without the doubtful thresholds.
-    Raises BadInput where there are no such runs, or runs that stand on several curves and no reference.
+    The curve has all subjects that are not left out; the curve without doubtful thresholds is beside it.
+    Raises BadInput where there are no such runs, or runs on several curves without a reference.
 
     >>> tt.thresholds("lab.db").headline()["subjects"]
     '1'
@@ -501,7 +501,7 @@ def export(
     out: Annotated[Place, Option("File or folder to write.", writes=True)],
     form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
 ) -> ExportedResult:
-    """Write every answered trial in an open format. The folder has a data dictionary, too."""
+    """Write every answered trial in an open format. The folder also has a data dictionary."""
     with working("exporting"), closing(Store(store, must_exist=True)) as database:
         return ExportedResult(Path(out), form, exported(database, Path(out), form))
 
@@ -600,14 +600,12 @@ def simulate(
     trials: Annotated[int | None, Option("Trials of a run, where the procedure has a number of them.")] = None,
     truth: Annotated[
         Place | None,
-        Option("curve: everybody's threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
+        Option("curve: the threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
     ] = None,
-    guess: Annotated[float, Option("Share of trials that are guessed outright; 1: all.")] = Setting.guessed,
+    guess: Annotated[float, Option("Share of trials that are guessed; 1: all.")] = Setting.guessed,
     drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = Setting.drift_db,
     loud_share: Annotated[float, Option("Share of loud catch trials, as in [catch].")] = Setting.loud_share,
-    effect_db: Annotated[
-        float | None, Option("Difference that a study is to find, dB: how many people it takes.")
-    ] = None,
+    effect_db: Annotated[float | None, Option("Difference to find, dB.")] = None,
     spread_db: Annotated[float | None, option_of(PlannedStudy, "spread_db")] = None,
     design: Annotated[str, option_of(PlannedStudy, "design")] = PlannedStudy.design,
     repeats: Annotated[int, option_of(PlannedStudy, "repeats")] = PlannedStudy.repeats,
@@ -615,8 +613,8 @@ def simulate(
     power: Annotated[float, option_of(PlannedStudy, "power")] = PlannedStudy.power,
     seed: Seed = 0,
 ) -> QualityResult:
-    """Assess how accurate a procedure's estimates are. It is run many times against people whose truth is known. With
-    --effect-db and --spread-db it says how many subjects a study takes, and its power.
+    """Assess how accurate a procedure's estimates are. Runs it with many simulated people. With --effect-db and
+    --spread-db: how many subjects a study needs, and its power.
 
     Raises BadInput for an effect without a spread, and where no number of subjects finds it.
 

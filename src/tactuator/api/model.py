@@ -55,10 +55,9 @@ def calibrate_sensor(
         Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True, type=Path),
     ],
     gauge_error_mm: Annotated[float, Option("Standard error of the gauge.", ge=0)] = 0.0,
-    strict: Annotated[bool, Option("Stop where a pair is off the line.")] = False,
+    strict: Annotated[bool, Option("Fail if a pair lies off the line.")] = False,
 ) -> Calibration:
-    """Find the sensor gain from displacement and voltage. Gain, offset and linearity come with confidence;
-    pairs off the line are refused, each by its name.
+    """Find the sensor gain from displacement and voltage. Pairs that lie off the line are rejected and named.
 
     pairs: their file, or displacement (mm) and voltage, (n,) each. Raises BadInput for pairs that make no line, and
     with `strict` where a pair is off it.
@@ -248,9 +247,7 @@ def identify(
     ],
     input: Annotated[str | None, Option("Column or variable of the command.")] = None,
     output: Annotated[str | None, Option("Column or variable of the position.")] = None,
-    reference: Annotated[
-        str | None, Option("Column or variable of what a loop was asked for: it keeps the loop's noise out.")
-    ] = None,
+    reference: Annotated[str | None, Option("Column or variable of a closed loop's reference.")] = None,
     time: Annotated[str | None, Option("Column or variable of the time stamps.")] = None,
     rate_hz: Annotated[float | None, Option("Sampling rate, where the file has none.")] = None,
     frequency: Annotated[str | None, Option("Of a response: column of the frequency.")] = None,
@@ -278,7 +275,7 @@ def identify(
     validate: Annotated[
         Record | Place | Sequence[Record | Place] | None,
         Option(
-            "Record that the fit does not see, to hold the model against; may be repeated.",
+            "Another record, to test the model on; repeatable.",
             file=True,
             type=list[Path] | None,
         ),
@@ -286,8 +283,7 @@ def identify(
     out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
     figures: Figures = None,
 ) -> Identification | ResponseFit:
-    """Identify a model of a recorded mechanism. It is continuous, with its confidence band; exit status 1 where it is
-    not to be trusted.
+    """Identify a model of a recorded mechanism. Exit status 1 if the model is not to be trusted.
 
     records: one, or several of one mechanism, or their files; or a frequency response or its file. A column is named
     as NAME, or with its unit as NAME=UNIT. Raises BadInput for a record that says nothing.

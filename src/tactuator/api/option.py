@@ -62,6 +62,6 @@ def option_of(owner: type, field: str, *names: str, **more: Any) -> Option:
 
 
 def option_in(annotation: Any) -> Option | None:
-    """Return what an annotation tells the command line, None for a parameter that is for Python alone."""
+    """Return the option in an annotation, None for a parameter that is for Python alone."""
     marks = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
     return next((mark for mark in marks if isinstance(mark, Option)), None)

@@ -41,7 +41,7 @@ DisplayOption = Annotated[Display | Place | None, Option(DISPLAY_HELP, file=True
 ControllerOption = Annotated[Controller | Place | None, Option(CONTROLLER_HELP, file=True, shell=None)]
 Figures = Annotated[Place | None, Option("Folder for the figures (SVG, and their numbers as CSV).", writes=True)]
 RigOption = Annotated[Rig | str, Option(RIG_HELP, type=str, shell="simulated")]
-Lsl = Annotated[bool, Option("Tell onsets, levels and answers by Lab Streaming Layer.")]
+Lsl = Annotated[bool, Option("Send onsets, levels and answers by Lab Streaming Layer.")]
 Channels = Annotated[Sequence[str] | None, Option("Channel (default: all).", ("--channel",), type=list[str] | None)]
 Load = Annotated[str, Option("Load of the display file, or none.")]
 MainsHz = Annotated[
@@ -51,7 +51,7 @@ Curve = Annotated[Any, Option("Threshold curve: a name, or a CSV.", type=str | N
 Host = Annotated[str, Option("Address to listen at; another than loopback lets others in.")]
 AllowedHosts = Annotated[
     list[str] | None,
-    Option("Host name to answer to beside the own ones (of a proxy); repeatable.", ("--allowed-host",), metavar="NAME"),
+    Option("Another host name to answer to (of a proxy); repeatable.", ("--allowed-host",), metavar="NAME"),
 ]
 TlsCertificate = Annotated[
     Place | None, Option("Certificate file (PEM) for an encrypted connection; with --tls-key.", type=str | None)
@@ -60,7 +60,7 @@ TlsKey = Annotated[Place | None, Option("Key file (PEM) of the certificate, with
 
 
 def chosen_display(display: Display | Place, curve: Any = None) -> Display:
-    """Return the display, or that of a file; with a curve, or the name or file of one, in place of its own."""
+    """Return the display, or that of a file; a curve, or its name or file, replaces the display's."""
     described = display if isinstance(display, Display) else read_display(Path(display))
     if curve is None:
         return described
@@ -155,7 +155,7 @@ def require_stable(controller: Controller, load: str = "none") -> None:
 
 
 def put_load(rig: Rig, channels: Sequence[Channel], load: str) -> None:
-    """Put a load on channels; where no program reaches a channel, tell the person at the terminal to do it."""
+    """Put a load on channels; ask the person at the terminal to do it where the program cannot."""
     if by_hand := touch_all(rig, channels, load):
         say(f"put the load {load!r} on {', '.join(by_hand)} by hand now")
 
@@ -190,7 +190,7 @@ def numbers(values: Any, key: str) -> NDArray[np.float64]:
 
 
 def paths(places: Any) -> list[Any]:
-    """Return a list of places, or of what stands for them, of one or several; empty for None."""
+    """Return a list of one or several places (or objects in their place); empty for None."""
     if places is None:
         return []
     return list(places) if isinstance(places, list | tuple) else [places]

@@ -1,4 +1,4 @@
-"""Progress of a function of the API, shown by whoever watches: the command line's bars, the console, or nobody."""
+"""Progress of a function of the API, shown by the command line's bars, by the console, or not at all."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -8,10 +8,10 @@ from typing import Protocol
 
 
 class Step(Protocol):
-    """Told how far a stretch of work is."""
+    """Called with the progress of a stretch of work."""
 
     def __call__(self, done: float | None = None, total: float | None = None, text: str | None = None) -> None:
-        """Tell what is done of `total` (None: as before), and what is at hand."""
+        """Report what is done of `total` (None: as before), and the current step."""
 
 
 Watcher = Callable[[str, float | None], AbstractContextManager[Step]]
@@ -41,11 +41,11 @@ def watched(watcher: Watcher) -> Iterator[None]:
 
 
 def working(text: str, total: float | None = None) -> AbstractContextManager[Step]:
-    """Return the context of a stretch of work; it yields the function to be told how far it is."""
+    """Return the context of a stretch of work; it yields the function to call with its progress."""
     return _WATCHER.get()(text, total)
 
 
 def say(text: str) -> None:
-    """Tell the person at the terminal, at once, what is to be done or known while a verb is at work."""
+    """Print, at once, what the person at the terminal must do or know while a function runs."""
     sys.stderr.write(f"tactuator: {text}\n")
     sys.stderr.flush()

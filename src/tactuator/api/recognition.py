@@ -44,8 +44,8 @@ class AnsweredResult(Result):
 
     def facts(self) -> Sequence[Fact]:
         felt = [found("simulated", NOBODY_FELT_IT.partition(": ")[2])] if self.simulated else []
-        told = [Fact(name, getattr(self, name), name, summary=True) for name in ("subject", "trials", "store")]
-        return [*told, Fact("simulated", self.simulated), *felt]
+        run = [Fact(name, getattr(self, name), name, summary=True) for name in ("subject", "trials", "store")]
+        return [*run, Fact("simulated", self.simulated), *felt]
 
 
 def recognise(
@@ -178,7 +178,7 @@ def information(
     draws: Annotated[int, Option("Of the posterior, for the interval.", ge=100)] = 1000,
     seed: Seed = 0,
 ) -> MatrixInformation | StoreInformation:
-    """Estimate information transfer in five ways. One has an interval. It is of a store's studies, or of any matrix."""
+    """Estimate information transfer in five ways. One has an interval. From a store's studies, or any matrix."""
     if (store is None) == (matrix is None):
         raise BadInput("--store and --matrix", "one of the two")
     rng = np.random.default_rng(seed)

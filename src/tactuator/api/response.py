@@ -163,21 +163,19 @@ def measure_noise(
     display: DisplayOption = None,
     gains: Annotated[
         Numbers,
-        Option(
-            "Proportional gains to probe with, comma between; empty for none.", type=str, shell=_listed(PROBED_GAINS)
-        ),
+        Option("Proportional gains, with commas; empty: none.", type=str, shell=_listed(PROBED_GAINS)),
     ] = (),
     mains_hz: MainsHz = None,
     write: Annotated[
         Place | None,
-        Option("File for what the sensor reads at rest; [environment] measured names it.", type=Path | None),
+        Option("File for the sensor's hum and noise, for [environment] measured.", type=Path | None),
     ] = None,
     seed: Seed = 0,
 ) -> FeltLevels:
     """Compare felt hum and noise with the threshold. Under proportional gains, then the loop; exit status 1 if felt.
 
-    The display is held at rest. A rig that is open already is used as it stands. Raises BadInput for a loop that the
-    display's own models call unstable.
+    The display is held at rest. An open rig is used as it is. Raises BadInput for a loop that is unstable by the
+    display's models.
 
     >>> [felt.channel for felt in tt.measure_noise(rig, controller, duration_s=4.0).channels]
     ['index', 'thumb', 'middle']
@@ -337,7 +335,7 @@ def _half(half_db: float) -> str:
 
 
 def _distortion_db(response: Response) -> FloatArray:
-    """Return the distortion against the fundamental, (m,); minus infinity where there is none."""
+    """Return the distortion against the fundamental, (m,); minus infinity without any."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio_db = db(response.distortion_v / response.magnitude_v)
     return np.where(response.magnitude_v > 0.0, ratio_db, np.inf)
@@ -353,13 +351,13 @@ def _yes(is_so: bool) -> str:
 
 def _learnt_line(learnt: Learnt) -> str:
     if learnt.weight is None:
-        return f"{learnt.channel}: adaptive; the rig does not tell its weights"
+        return f"{learnt.channel}: adaptive; the rig does not report its weights"
     mass, rest = learnt.weight
     after = "not settled" if learnt.settled_s is None else f"settled after {learnt.settled_s:.2f} s"
     return f"{learnt.channel}: weight {mass:.2f} of the mass, {rest:.2f} of damping and stiffness, {after}"
 
 
-Frequencies = Annotated[Numbers, Option("Frequencies, comma between (default: 30 over the band).", type=str | None)]
+Frequencies = Annotated[Numbers, Option("Frequencies, with commas (default: 30 over the band).", type=str | None)]
 LevelOption = Annotated[float, Option("Level, dB SL (-60..55).", _LEVEL)]
 Confidence = Annotated[float, Option("95 % half-width to reach.")]
 Longest = Annotated[float, Option("Seconds per point at most.")]
@@ -386,8 +384,8 @@ def measure_response(
     """Measure the response at a level. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
     it is not flat, or the confidence was not reached.
 
-    A rig that is open already is used as it stands; frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the
-    confidence, 0 to 1. Raises BadInput for another load or level, and for a loop that the display's own models call
+    An open rig is used as it is; frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the
+    confidence, 0 to 1. Raises BadInput for another load or level, and for a loop that is
     unstable.
 
     >>> tt.measure_response(rig, controller, [10.0, 100.0]).columns()["frequency_hz"][:2]
@@ -548,15 +546,14 @@ def measure_rejection(
     display: DisplayOption = None,
     channel: Channels = None,
     frequency_hz: Annotated[
-        Numbers, Option("Frequencies of the rejection, comma between.", type=str, shell=_listed(REJECTION_HZ))
+        Numbers, Option("Frequencies, with commas.", type=str, shell=_listed(REJECTION_HZ))
     ] = REJECTION_HZ,
-    excursion_mm: Annotated[float, Option("What each force would move without the loop.")] = EXCURSION_MM,
+    excursion_mm: Annotated[float, Option("Movement by each force without the loop.")] = EXCURSION_MM,
     seed: Seed = 0,
 ) -> DisturbanceResult:
-    """Test how presses and tremor are rejected. They act at the finger port; the rejection over frequency is listed
-    beside |S|.
+    """Test how presses and tremor are rejected. Forces act at the finger port.
 
-    Raises BadInput for a rig without a finger port, and for a loop that the display's own models call unstable.
+    Raises BadInput for a rig without a finger port, and for a loop that is unstable by the display's models.
 
     >>> tt.measure_rejection(rig, controller, channel=["index"], frequency_hz=[5.0]).columns()["channel"]
     ['index']
@@ -609,8 +606,8 @@ class FingerResult(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         note = (
-            "in the units of a load of the display file, ± 95 %; misfit: what the felt level is off by, at most, where "
-            "one mass, damper and spring stands for it"
+            "in the units of a load of the display file, ± 95 %; misfit: greatest error of the felt level if "
+            "the load is taken as one mass, damper and spring"
         )
         lines = [
             f'{estimate.channel}: loads = [{{ name = "finger", mass = {estimate.load.mass:.4g}, damping = '
@@ -624,12 +621,12 @@ class FingerResult(Result):
 
 def _said(estimate: FingerEstimate) -> str:
     if estimate.saturated:
-        return "cannot tell: the reading came to its end; play more quietly"
+        return "cannot tell: the sensor clipped; lower the level"
     return {
-        ONE: "one mass, damper, spring",
-        CHAIN: "not by one: a chain of two is nearer",
-        NEITHER: "neither by one nor by a chain of two",
-        CANNOT_TELL: "cannot tell: play longer or louder",
+        ONE: "one mass, damper and spring",
+        CHAIN: "a chain of two masses fits better than one",
+        NEITHER: "neither one mass nor a chain of two fits",
+        CANNOT_TELL: "cannot tell: play longer or at a higher level",
     }[estimate.described_by]
 
 
@@ -646,8 +643,8 @@ def estimate_load(
     channel: Channels = None,
     seed: Seed = 0,
 ) -> FingerResult:
-    """Estimate the impedance of the touching finger. A signal is played free, touched and free again; exit status 1
-    where mass, damping and stiffness do not describe what touches.
+    """Estimate the impedance of the touching finger. A signal is played free, touched and free again; exit status 1 if
+    one mass, damper and spring does not describe the finger.
 
     Raises BadInput for a load that the display does not have.
 

@@ -50,7 +50,7 @@ class CardsResult(Result):
 
 
 def devices() -> CardsResult:
-    """Show the sound cards. Each has its outputs, inputs and rate."""
+    """Show the sound cards."""
     return CardsResult(tuple(list_cards()))
 
 
@@ -86,10 +86,10 @@ def latency(
     device: Device,
     rate_hz: RateHz = 48000.0,
     output: Output = 1,
-    input_number: Annotated[int, Option("Input of the card that a wire joins to it.", ("--input",))] = 1,
+    input_number: Annotated[int, Option("Input of the card that is wired to it.", ("--input",))] = 1,
     level: Level = 0.1,
 ) -> LatencyResult:
-    """Measure the delay through a wire. It is latency_samples of [sound]; exit status 1 where it does not stay."""
+    """Measure the delay through a wire. For latency_samples of [sound]; exit status 1 if it changes."""
     if input_number < 1:
         raise BadInput(f"input {input_number}", "the input to which the wire leads, counted from 1")
     display = wire_display(rate_hz, output, input_number)
@@ -126,11 +126,9 @@ def calibrate_output(
     level: Level = 0.1,
     duration_s: Annotated[float, Option("Of the tone, for the meter to settle.")] = 15.0,
     reading_v: Annotated[float | None, Option("What the multimeter reads, V rms (default: asked for).")] = None,
-    input_number: Annotated[
-        int, Option("Input that a wire joins to the output, to be calibrated by it; 0: none.", ("--input",))
-    ] = 0,
+    input_number: Annotated[int, Option("Input that is wired to the output, to calibrate; 0: none.", ("--input",))] = 0,
 ) -> FullScaleResult:
-    """Turn a multimeter's reading into volts at full scale. It reads a tone that is played."""
+    """Turn a multimeter's reading into volts at full scale."""
     if reading_v is not None:
         full_scale_v(reading_v, 1.0)  # what is no reading is refused before the tone is played
     text = f"{frequency_hz:g} Hz at output {output} for {duration_s:g} s: read the multimeter (V rms)"
@@ -220,20 +218,20 @@ _KEYS = {
 
 def calibrate_display(
     display: Annotated[
-        Display | Place, Argument("Display file (TOML) with [sound]; its plants are found anew.", file=True)
+        Display | Place, Argument("Display file (TOML) with [sound]; its plants are replaced.", file=True)
     ],
     rig: Annotated[str, Option("sound:DEVICE[@RATE].")] = "sound:",
     out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/calibrated"))] = "out/calibrated",
     level_db_sl: Annotated[
         float, Option("Level at which it must be usable and is verified.")
     ] = CalibrationRequest.level_db_sl,
-    band_hz: Annotated[Numbers, Option("Frequencies within which it is to be used: low,high.", type=str)] = "",
+    band_hz: Annotated[Numbers, Option("Band to use at most: low,high.", type=str)] = "",
     mains_hz: MainsHz = None,
     curve: Curve = None,
     seed: Seed = 0,
 ) -> EqualisedResult:
-    """Calibrate a display without loop. Level, model, usable band and equaliser are found, and what is
-    felt is verified; exit status 1 where that is not flat within the tolerance.
+    """Calibrate a display without loop. Finds level, model, usable band and equaliser, and verifies the felt level;
+    exit status 1 if it is not flat.
 
     Raises BadInput for another rig, and NoDesign where there is no equaliser; what was measured is kept in `out`.
 

@@ -181,15 +181,11 @@ def render(
     ] = LEVEL_DB_SL,
     *,
     display: DisplayOption = None,
-    felt: Annotated[Place | None, Option("What the simulated display's fingers feel, to write.", writes=True)] = None,
+    felt: Annotated[Place | None, Option("File for what the simulated display's fingers feel.", writes=True)] = None,
     figures: Figures = None,
-    save_coding: Annotated[
-        Place | None, Option("TOML to write: the coding, every parameter in it.", writes=True)
-    ] = None,
+    save_coding: Annotated[Place | None, Option("TOML file for the coding, with every parameter.", writes=True)] = None,
     seed: Seed = 0,
-    most_loss_db: Annotated[
-        float, Option("Of a clip: shortfall that is allowed, dB.", ("--most-loss",), ge=0)
-    ] = MOST_LOSS_DB,
+    most_loss_db: Annotated[float, Option("Of a clip: greatest shortfall, dB.", ("--most-loss",), ge=0)] = MOST_LOSS_DB,
     legacy: Annotated[
         bool, Option("Take a .haptic whose frequency outlasts its amplitude, as older players do.")
     ] = False,
@@ -197,8 +193,8 @@ def render(
     workers: Annotated[int | None, Option("Of a folder: processes (default: cores).", ge=1)] = None,
     scheduler: Annotated[str | None, Option("Of a folder: address of a Dask scheduler.")] = None,
 ) -> RenderResult | FolderResult:
-    """Render speech, clips or phonemes to a reference in dB SL. The display's limits are kept, and what they take back
-    is listed. Every file of a folder is rendered; what an earlier run finished is kept.
+    """Render speech, clips or phonemes to a reference in dB SL. The display's limits are kept. Of a folder, every file
+    is rendered that an earlier run did not finish.
 
     A clip holds where the display falls short by no more than `most_loss_db`, a folder where every file does. Raises
     BadInput for what is no source, another coding, or a display without the coding's fingers.
@@ -275,7 +271,7 @@ class PlayedResult(Result):
     gaps: int | None = None
 
     def notices(self) -> Sequence[str]:
-        return (f"the sound card told of {self.gaps} gaps",) if self.gaps else ()
+        return (f"the sound card reported {self.gaps} gaps",) if self.gaps else ()
 
     @property
     def ending(self) -> BaseException | None:
@@ -302,10 +298,10 @@ def play(
     reference: Annotated[Place, Argument("Reference that `render` wrote: .wav or .h5.", file=True)],
     *,
     display: DisplayOption = None,
-    realtime: Annotated[bool, Option("Keep time on a rig that could go faster.")] = False,
+    realtime: Annotated[bool, Option("Play in real time.")] = False,
     seed: Seed = 0,
 ) -> PlayedResult:
-    """Play a reference. Space pauses and goes on, q or Ctrl-C stops: that ramps down, and the rig comes to rest.
+    """Play a reference. Space pauses and resumes; q or Ctrl-C stops.
 
     Raises BadInput for a file that is no reference, or not for this display.
 
@@ -317,7 +313,7 @@ def play(
     with opened(rig, loaded.display, seed) as ready, _wishes() as wish, working("play", source.duration_s) as step:
         ready.load(loaded)
         if isinstance(ready, SoundRig):
-            ready.allow_gaps = True  # a listener hears one; it is counted and told
+            ready.allow_gaps = True  # the listener notices a gap; it is counted and reported
         played = play_reference(PacedRig(ready) if realtime else ready, source, wish, step)
         gaps = ready.gaps if isinstance(ready, SoundRig) else None
     return PlayedResult(Path(reference), rig if isinstance(rig, str) else type(rig).__name__, played, gaps)
@@ -325,7 +321,7 @@ def play(
 
 @contextmanager
 def _wishes() -> Iterator[Callable[[], Wish]]:
-    """Yield a function that tells what the person at the keyboard wishes; Ctrl-C and SIGTERM are a wish to stop."""
+    """Yield a function that returns the request of the person at the keyboard; Ctrl-C and SIGTERM request a stop."""
     if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
         yield lambda: "run"
         return
@@ -357,7 +353,7 @@ def _keys_at_once() -> Iterator[None]:
     if not sys.stdin.isatty():
         yield
         return
-    import termios  # noqa: PLC0415 -- there is none on Windows
+    import termios  # noqa: PLC0415 -- Windows has no termios
     import tty  # noqa: PLC0415
 
     settings = termios.tcgetattr(sys.stdin)

@@ -60,23 +60,23 @@ def init(
         Place | None, Option("Copy the examples into this folder, and write nothing else.", type=Path | None)
     ] = None,
 ) -> WrittenFiles:
-    """Write a display file to start from, or copy the examples. The file is commented; a protocol may stand beside
-    it, or beside one that is there, whose finger, band and mains it keeps to.
+    """Write a display file to start from, or copy the examples. A protocol is written for the new display file, or for
+    one that exists.
 
-    Raises BadInput where a file is there already.
+    Raises BadInput for a file that exists.
 
     >>> tt.init(out="mine.toml").headline()["first"]
     'mine.toml'
     """
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
-            raise BadInput("--examples with another option", "--examples alone, since it copies everything")
+            raise BadInput("--examples with another option", "--examples alone")
         copied = copy_examples(Path(examples))
         note = f"{Path(examples) / 'README.md'} says what each file is"
         return WrittenFiles(copied, note)
     target = Path(out)
     if not target.parent.is_dir():
-        raise BadInput(f"{target.parent} is not a folder", "--out in a folder that is there")
+        raise BadInput(f"no folder {target.parent}", "--out in a folder that exists")
     contents: dict[Path, bytes] = {}
     if protocol is None or like is not None or model is not None or not target.exists():
         contents[target] = _display_text(like or DISPLAY_KINDS[0], model, target).encode()
@@ -86,9 +86,9 @@ def init(
         contents |= {target.parent / name: content for name, content in protocol_files(protocol, display).items()}
     for path in contents:
         if path.exists() and (path == target or path.suffix == ".toml"):
-            raise BadInput(f"{path} is there already", f"{'a name' if path == target else 'a folder'} that is free")
+            raise BadInput(f"{path} already exists", f"a new {'name' if path == target else 'folder'}")
     write_files(contents)
-    note = "change the lines that say CHANGE THIS" + (", which the model does not tell" if model is not None else "")
+    note = "change the lines that say CHANGE THIS" + (", which the model does not give" if model is not None else "")
     return WrittenFiles(tuple(contents), note)
 
 
@@ -228,7 +228,7 @@ def curves(
     ] = (),
     figures: Figures = None,
 ) -> CurvesResult:
-    """List the threshold curves of the library, and your own. Each with where it was felt.
+    """List the threshold curves of the library, and your own.
 
     A curve holds for the contact that it was measured at.
 

@@ -106,13 +106,12 @@ def contours(
     group: Annotated[str | None, Option("Only subjects of this group.")] = None,
     subject: Annotated[str | None, Option("Write the contours of this subject, not the group's.")] = None,
     curve: Annotated[
-        str | None, Option("Curve (name or CSV) of the dB SL that contours are told in; default: the display's.")
+        str | None, Option("Curve (name or CSV) to which the contours' dB SL refer; default: the display's.")
     ] = None,
     out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes=True)] = None,
     figures: Figures = None,
 ) -> StoreContours:
-    """Estimate equal-strength contours from matches. They come with the intensity function, biases and JND of
-    everybody.
+    """Estimate equal-strength contours from matches. Gives the intensity function, biases and JND, too.
 
     With the threshold curve of the person who matched, they go with a display that is designed for that curve. Raises
     BadInput where there are no finished matching runs, or no such subject.

@@ -1,7 +1,7 @@
 """The commands by name, in groups in the order of the chain: each with its function and its help sentence.
 
 A name of two words is a subcommand of the first. The sentence is the first one of the function's docstring (a test
-holds the two together): `--help` needs none of the modules, and a command imports the module of its own function only.
+compares the two): `--help` needs none of the modules, and a command imports only the module of its function.
 """
 
 from collections.abc import Callable
@@ -46,7 +46,7 @@ _ROWS = (
     (_BOARD, "firmware wordlength", "api.controller:word_length", "Count the bits that the coefficients need."),
     (_BOARD, "build", "api.controller:build_image", "Write a controller as the image that a board loads."),
     (_BOARD, "firmware image", "api.controller:read_image", "Show what a firmware image contains."),
-    (_BOARD, "firmware acknowledge", "api.controller:acknowledge", "Tell a board that its sensor faults are known."),
+    (_BOARD, "firmware acknowledge", "api.controller:acknowledge", "Acknowledge sensor faults on a board."),
     (_DISPLAY, "measure noise", "api.response:measure_noise", "Compare felt hum and noise with the threshold."),
     (_DISPLAY, "measure response", "api.response:measure_response", "Measure the response at a level."),
     (_DISPLAY, "measure crosstalk", "api.response:measure_crosstalk", "Measure what other fingers feel."),

@@ -23,7 +23,7 @@ _AGAIN_S = 0.02
 
 
 class _Ear:
-    """The handler of Ctrl-C. It remembers that one came: a library may turn it into an error of its own."""
+    """The handler of Ctrl-C. It remembers that one came: a library may turn it into another error."""
 
     came = False
 
@@ -73,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _leave_at_once(status: int) -> NoReturn:
-    """End the process after Python's exit handlers and without those of the libraries in C: one that stands still in a
-    thread may hold what its own exit handler waits for.
+    """End the process after Python's exit handlers and without those of the libraries in C: one that hangs in a thread
+    may hold what its exit handler waits for.
     """
     atexit._run_exitfuncs()
     sys.stdout.flush()
@@ -83,7 +83,7 @@ def _leave_at_once(status: int) -> NoReturn:
 
 
 SOLE_PROCESSOR = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
-"""How the libraries beneath NumPy are told to use one thread, before they are loaded."""
+"""Variables that make the libraries beneath NumPy use one thread, if set before they are loaded."""
 
 
 def _status_of(arguments: Sequence[str]) -> int:
@@ -143,7 +143,7 @@ def _help_for(error: TyperException) -> str:
     context = getattr(error, "ctx", None)
     if context is None or error.format_message().startswith("Invalid value"):
         return ""
-    return f" (`{context.command_path} --help` tells what it takes)"
+    return f" (`{context.command_path} --help` lists what it takes)"
 
 
 def _os_error(error: OSError) -> str:
@@ -152,7 +152,7 @@ def _os_error(error: OSError) -> str:
 
 
 def _raise_again(raised: "sys.UnraisableHookArgs") -> None:
-    """Raise an end that was swallowed once more, a moment later; tell of anything else as the interpreter does.
+    """Raise an end that was swallowed once more, a moment later; report anything else as the interpreter does.
 
     A Ctrl-C may come while a library calls Python back, from where no exception can leave: the interpreter would print
     it, and the command would go on.

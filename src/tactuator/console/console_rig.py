@@ -14,7 +14,7 @@ from tactuator.model.controller import Controller
 from tactuator.rig.rig import Finger, Rig, Trace, join_traces
 
 _SILENT_S = 30.0
-"""Time after which a process that tells nothing counts as gone."""
+"""Time after which a silent process counts as gone."""
 _REST_S = 8.0
 
 

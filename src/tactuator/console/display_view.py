@@ -53,7 +53,7 @@ def line_of(text: str, error: TactuatorError) -> int | None:
 
 
 def _channel_where(rows: Sequence[str], number: int | None) -> str:
-    """Return how a refusal names the channel whose name stands on that line."""
+    """Return how a refusal names the channel whose name is on that line."""
     try:
         return "" if number is None else where_of(parse_toml(rows[number - 1]))
     except BadInput:

@@ -100,7 +100,7 @@ class StudyAtRig:
             self._listening.discard(socket)
 
     async def _tell(self) -> None:
-        """Tell every page what study is open."""
+        """Send every page the study that is open."""
         for socket in tuple(self._listening):
             try:
                 await send(socket, {"study": self.standing()})
@@ -108,7 +108,7 @@ class StudyAtRig:
                 self._listening.discard(socket)
 
     def standing(self) -> Answer:
-        """Return the study that is open, as a page shows it; `open` is None where there is none."""
+        """Return the study that is open, as a page shows it; `open` is None without one."""
         running = self._running
         if running is None:
             return {"open": None}

@@ -132,7 +132,7 @@ class Generator:
             columns = [reference.head.channels.index(name) for name in self._names]
             self._file_peak = max(peaks_of(reference).values())
             self._source = (block[:, columns] for block in reference.blocks())
-            self._gain = self._towards = self._target(wave)  # it has ramps of its own
+            self._gain = self._towards = self._target(wave)  # it has ramps already
 
     def _target(self, wave: GeneratorWave) -> float:
         peak = self._file_peak if wave.kind == "file" else 1.0

@@ -73,8 +73,8 @@ def model(
     hold: Name = IdentifyOptions.hold,
     validate_on: Annotated[tuple[Name, ...], Field(max_length=8)] = (),
 ) -> Answer:
-    """Return the model of a record, its curves and tables, how it stands on others that its fit does not see, the text
-    of model.json, and the command that does the same.
+    """Return the model of a record, its curves and tables, its test on other records, the text of model.json, and the
+    command that does the same.
     """
     path, unseen = state.uploads.path(record), [state.uploads.path(key) for key in validate_on]
     names: dict[str, Any] = {"input": input, "output": output, "time": time, "rate_hz": rate_hz}

@@ -76,8 +76,8 @@ class Levels:
             return max(float(db(volts / self._display.channels[index].threshold_voltage(tone_hz))), _FLOOR_DB_SL)
 
     def _peak_hz(self, spectrum: FloatArray, units: FloatArray) -> float:
-        """Return the frequency of the strongest sinusoid: the greater neighbour of a Hann window's line tells how far
-        it stands from the line (Rife & Vincent 1970).
+        """Return the frequency of the strongest sinusoid: the greater neighbour of a Hann window's line shows how far
+        it is from the line (Rife & Vincent 1970).
         """
         line = int(self._edges[0]) + int(np.argmax(units[self._edges[0] : self._last]))
         side = 1 if spectrum[line + 1] > spectrum[line - 1] else -1

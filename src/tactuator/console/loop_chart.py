@@ -29,7 +29,7 @@ from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.wordlength.float32_check import buildable
 
 _TILES = (FELT_MINUS_ASKED, AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
-"""Quantities of a verdict that stand in large figures."""
+"""Quantities of a verdict that are shown in large type."""
 _BUILD = "build"
 
 
@@ -166,7 +166,7 @@ class ChannelPlants:
 
     @property
     def shown(self) -> tuple[int, ...]:
-        """Return the places of the members that have a curve of their own: the nominal model under every load."""
+        """Return the places of the members with a separate curve: the nominal model under every load."""
         return tuple(place for place, member in enumerate(self.family) if member.model == 0)
 
 
@@ -239,7 +239,7 @@ def _points(loop: ComplexArray, ascending: bool = False) -> list[list[float]]:
 _AT_REST = 1e-9
 """Distance from z = 1 within which a pole lies at rest, as an integrator's does."""
 _DRAWN_DB, _DRAWN_DEG = 0.02, 0.1
-"""What the drawn frequencies leave open: a design that stands exactly at its limits does not pass them."""
+"""Tolerance for the drawn frequencies: a design exactly at its limits does not exceed them."""
 
 
 def frame(plants: ChannelPlants, feedback: SampledSystem) -> dict[str, Any]:
@@ -311,7 +311,7 @@ def _steps(plants: ChannelPlants, feedback: SampledSystem, stable: NDArray[np.bo
 
 
 def _crossed(plants: ChannelPlants, loops: LoopFigures, sense: FloatArray, complement: FloatArray) -> Iterator[str]:
-    """Yield what the family passes, as it shows on the drawn frequencies; the figures tell by how much."""
+    """Yield the limits that the family exceeds at the drawn frequencies; the figures say by how much."""
     asked, logs = plants.channel.feedback, np.log(plants.frequency_hz)
     if asked.sensitivity_peak is not None and np.max(sense) > db(asked.sensitivity_peak) + _DRAWN_DB:
         yield "sensitivity"

@@ -232,7 +232,7 @@ def _logarithms(root: complex, rate_hz: float) -> list[complex]:
 def with_point_at(
     shape: LoopShape, plant: SampledSystem, frequency_hz: float, turn_deg: float, level_db: float
 ) -> LoopShape:
-    """Return the shape whose loop, at `frequency_hz`, is turned by `turn_deg` (positive: less lag) and stands at
+    """Return the shape whose loop, at `frequency_hz`, is turned by `turn_deg` (positive: less lag) and has the level
     `level_db`.
 
     A lead that is there already in that place is changed, so that a drag of many steps leaves one. A turn beyond what

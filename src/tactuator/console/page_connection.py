@@ -34,7 +34,7 @@ VIEWS = (
     View("response", "Response", of_rig=True),
     View("scope", "Scope", of_rig=True),
 )
-"""The views in the page's order; functions of the loop stand here, those of the rig in rig_connection.py."""
+"""The views in the page's order; functions of the loop are here, those of the rig in rig_connection.py."""
 
 
 def start(state: ConsoleState) -> Answer:
@@ -115,7 +115,7 @@ class ConsoleConnection:
     """A page that is connected; the frames of a drag are never kept waiting by the figures, which may be of a moment
     ago and then are made anew.
 
-    apart: where figures are computed; a process of its own leaves the interpreter to the frames. None: a thread.
+    apart: where figures are computed; a separate process leaves the interpreter to the frames. None: a thread.
     """
 
     def __init__(self, socket: WebSocket, state: ConsoleState, apart: Executor | None = None) -> None:

@@ -28,7 +28,7 @@ from tactuator.web.sockets import CLOSE_ABSENT, admitted, refuse
 from tactuator.web.study_pages import StudyPages, add_study_pages
 
 _HEADERS = HEADERS | {"Content-Security-Policy": f"{HEADERS['Content-Security-Policy']}; media-src blob:"}
-"""The page plays a sound file that was uploaded, out of its own memory."""
+"""The page plays an uploaded sound file from its own memory."""
 _NOTHING = "There is no such page here."
 
 
@@ -92,7 +92,7 @@ def _add_connection(app: FastAPI, path: str, token: str, serve: Callable[[WebSoc
 
 
 def static_file(name: str) -> Response | None:
-    """Return a part of the page by its bare name, or None where there is none."""
+    """Return a part of the page by its bare name, or None."""
     return file_response(files("tactuator.console").joinpath("static"), name, _HEADERS)
 
 

@@ -35,7 +35,7 @@ class MeasureSettings(MeasurementOptions, PageSetting):
 class RigStatus:
     """Status of the rig, sent by its process whenever something of it has changed.
 
-    guard: of a board, its mode and fault as words; empty where there is none. loaded: hash of the controller. fed:
+    guard: of a board, its mode and fault as words; else empty. loaded: hash of the controller. fed:
     rows of reference that the rig has asked for; given_back: rows of trace that it has returned. refused: it has gone
     because what was asked for is bad input, and not because a device failed.
     """
@@ -89,7 +89,7 @@ class Points:
 class Presented:
     """A piece of what an experiment plays by the call of that number, or its end (over).
 
-    began_at, rows_played: of a rig that tells its time, else None. halted: it was stopped; fault: why the rig did;
+    began_at, rows_played: of a rig that reports its time, else None. halted: it was stopped; fault: why the rig did;
     missed: and the same may be asked for again.
     """
 
@@ -109,5 +109,5 @@ def _within(response: Response, levels: ResponseLevels) -> str:
 
 
 def _finite(values: FloatArray) -> list[float | None]:
-    """Return numbers as JSON has them: None for a level of nothing (a sensor that stands still) or no confidence."""
+    """Return numbers as JSON has them: None for a level of nothing (a constant reading) or no confidence."""
     return [float(value) if np.isfinite(value) else None for value in values]

@@ -25,7 +25,7 @@ _END_S = 8.0
 
 
 class RigProcess:
-    """A rig held by a process of its own, which brings it to rest when this one ends, however that comes about.
+    """A rig held by a separate process, which brings it to rest when this one ends, however that happens.
 
     Both sides call the other's methods by name: `call` those of RigWorker, which calls those named `take_...` here, on
     a thread.

@@ -97,12 +97,12 @@ class Controls:
             raise BadInput("an experiment has the rig", "watching, stopping it, or ending it in its view")
 
     def tell_all(self) -> None:
-        """Tell every page the rig's status."""
+        """Send every page the rig's status."""
         for page in self._pages:
             page.news.set()
 
     def tell_refusal(self, text: str) -> None:
-        """Tell the page that has the controls what the rig refused."""
+        """Send the page that has the controls what the rig refused."""
         if self.holder is not None:
             self.holder.refusals.append(text)
             self.holder.news.set()
@@ -178,9 +178,9 @@ class RigSession:
             self.controls.reserved()
 
     def loaded_controller(self) -> Controller:
-        """Return the controller that is loaded. Raises BadInput while there is none."""
+        """Return the loaded controller. Raises BadInput without one."""
         if self._controller is None or not self.rig.status.loaded:
-            raise BadInput("no controller is loaded: load one first")
+            raise BadInput("no controller is loaded; load one first")
         return self._controller
 
     def expected(self, level_db_sl: float) -> Answer:

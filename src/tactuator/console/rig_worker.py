@@ -181,7 +181,7 @@ class RigWorker:
         self._say(loaded=controller.content_hash)
 
     def live(self) -> None:
-        """Play the generator and tell every sample, until something else is called for."""
+        """Play the generator and send every sample, until another call."""
         if self._rig is None:
             raise BadInput("the rig has gone: open it again")
         if not self._status.loaded:
@@ -309,7 +309,7 @@ class RigWorker:
         self._end_as("idle")
 
     def measure(self, controller: Controller, settings: MeasureSettings) -> None:
-        """Measure the response, as `measure response` does, at the rig opened anew; tell it point by point."""
+        """Measure the response, as `measure response` does, at the rig opened anew; send it point by point."""
         self.reopen()
         assert self._opened is not None
         self._say(mode="measuring", fault="")
@@ -361,7 +361,7 @@ class RigWorker:
 
 
 class Sender:
-    """Sends through `pipe` in a thread of its own: a slow server holds nothing up, and no sample is dropped."""
+    """Sends through `pipe` in a separate thread: a slow server holds nothing up, and no sample is dropped."""
 
     def __init__(self, pipe: Connection) -> None:
         self._waiting: queue.SimpleQueue[tuple[str, tuple[Any, ...]] | None] = queue.SimpleQueue()

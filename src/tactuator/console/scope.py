@@ -131,8 +131,8 @@ class Trigger:
 
 
 def newest_crossing(samples: ScopeSamples, trigger: Trigger, start: int, stop: int) -> int | None:
-    """Return the number of the newest row, from `start` up to `stop`, at which the signal has passed the level; None
-    where there is none.
+    """Return the number of the newest row, from `start` up to `stop`, at which the signal has passed the level, or
+    None.
     """
     start = max(start, samples.oldest)
     values = samples.rows(start, stop)[:, trigger.series].astype(np.float64)
@@ -150,10 +150,10 @@ def newest_crossing(samples: ScopeSamples, trigger: Trigger, start: int, stop: i
 
 @dataclass(frozen=True)
 class Look(PageSetting):
-    """Setting of the page's picture: what its width can show of which stretch, and where that stands.
+    """Setting of the page's picture: what its width can show of which stretch, and where that is.
 
     mode: "roll" follows the newest row, "auto" a trigger where there is one, "normal" a trigger alone, "single" the
-    next one; "hold" stands at row `end`. share: of the picture, ahead of the trigger.
+    next one; "hold" stays at row `end`. share: of the picture, ahead of the trigger.
     """
 
     span_s: Annotated[Finite, Field(ge=0.001, le=KEPT_S)]

@@ -35,8 +35,8 @@ def console(
     tls_key: TlsKey = None,
     open_browser: Annotated[bool, Option("Open the page in the browser.", ("--open",))] = False,
 ) -> None:
-    """Serve a page to shape a loop, and to drive a rig. A loop is shaped by dragging it, and a rig is watched and
-    driven, until interrupted; the page's address goes to standard error.
+    """Serve a page to shape a loop, and to drive a rig. Runs until interrupted; the address of the page goes to
+    standard error.
     """
     if rig is not None and display is None:
         raise BadInput("a rig without a display", "`tactuator console DISPLAY.toml --rig simulated`")
@@ -65,7 +65,7 @@ def console(
 
 @contextmanager
 def _held(spec: str | None, state: ConsoleState, seed: int) -> Iterator[RigProcess | None]:
-    """Yield the rig of that name, held by a process of its own, or None for none; it is at rest in the end."""
+    """Yield the rig of that name, held by a separate process, or None for none; it is at rest at the end."""
 
     if spec is None:
         yield None

@@ -31,7 +31,7 @@ _NO_FILE = "There is no such file here."
 
 
 class UploadedFiles:
-    """Files by key. A file keeps its name, since results tell of it; of many files the oldest are forgotten."""
+    """Files by key. A file keeps its name, which results mention; of many files the oldest are forgotten."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None
@@ -90,7 +90,7 @@ class UploadedFiles:
 
     @contextmanager
     def named_plainly(self) -> Iterator[None]:
-        """Tell refusals by the file's own name: the folder on the server says nothing to the reader."""
+        """Name the file in refusals by its own name: the folder on the server means nothing to the reader."""
         try:
             yield
         except TactuatorError as error:

@@ -32,8 +32,8 @@ def solvable() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Fixed:
-    """A value that is known: gain (position over command at zero frequency), pole (hertz; a low-pass of first order),
-    delay_s (dead time).
+    """A value that is known: gain (position over command at zero frequency), pole (Hz; first-order low-pass), delay_s
+    (dead time).
     """
 
     name: str
@@ -94,30 +94,30 @@ class IdentifyOptions:
         Literal["auto", "zero-order", "first-order", "band-limited"],
         Field(
             description="The command between its samples: zero-order, first-order (held by a converter), band-limited "
-            "(recorded through an anti-aliasing filter), or auto: the record tells."
+            "(recorded through an anti-aliasing filter), or auto."
         ),
     ] = "auto"
     quantity: Annotated[
         Literal["auto", "displacement", "velocity", "acceleration"],
-        Field(description="What the position is: displacement, velocity, acceleration, or auto: the record says it."),
+        Field(description="What the position is: displacement, velocity, acceleration, or auto."),
     ] = "auto"
     friction: Annotated[bool, Field(description="Estimate friction.")] = True
     fixed: Annotated[
         tuple[Fixed, ...],
         Field(
-            description="A value that is known, NAME=VALUE; may be repeated: gain (position over command at 0 Hz), "
-            "pole (hertz; a low-pass of first order), delay_s (dead time)."
+            description="Known value, NAME=VALUE; repeatable: gain (position over command at 0 Hz), "
+            "pole (Hz; first-order low-pass), delay_s (dead time)."
         ),
     ] = ()
     closed_loop: Annotated[
         Literal["auto", "yes", "no"],
-        Field(description="Was a position loop closed around it? auto: the record may show it; a reference says yes."),
+        Field(description="Whether a position loop was closed: yes, no, or auto."),
     ] = "auto"
     method: Annotated[
         Literal["refined", "rls"],
         Field(description="refined (maximum likelihood), rls (the paper's recursive least squares)."),
     ] = "refined"
-    forgetting: Annotated[float, Field(gt=0.0, le=1.0, description="Of the recursion; 1 keeps everything.")] = 1.0
+    forgetting: Annotated[float, Field(gt=0.0, le=1.0, description="Forgetting factor; 1 keeps everything.")] = 1.0
 
     def __post_init__(self) -> None:
         for name, (annotation, check) in _checks().items():

@@ -54,8 +54,8 @@ def reproduce(
     speech: Annotated[Place | None, Option("WAV or FLAC to present.", file=True)] = None,
     seed: Seed = 1,
 ) -> PaperResult:
-    """Run the paper's study on the simulated display. It takes seconds to minutes, and writes report.html, figures,
-    summary.json and the files of every step into the folder.
+    """Run the paper's study on the simulated display. Takes minutes; writes report.html, figures, summary.json and the
+    files of every step.
 
     >>> tt.reproduce("paper", speech="nothing.wav")
     Traceback (most recent call last):

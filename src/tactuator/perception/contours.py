@@ -31,7 +31,7 @@ class Contours:
 
     frequency_hz: (n,), ascending. level_db_sl: (m,), the strength levels, ascending and above 0. db_sl: (m, n), the
     sensation level that each contour has at each frequency, which rises with the strength everywhere; at reference_hz
-    it is the strength level itself. low_db_sl, high_db_sl: (m, n), the 95 % band, or None where there is none.
+    it is the strength level itself. low_db_sl, high_db_sl: (m, n), the 95 % band, or None.
     provenance, source: as those of a threshold curve. contact: where it was felt.
 
     Between the points the level is smooth in log frequency and in strength level (piecewise cubic, monotone in the

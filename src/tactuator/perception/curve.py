@@ -133,7 +133,7 @@ class ThresholdCurve(Result):
             raise BadInput(f"frequency {frequency.min():g} Hz", "positive")
         steps = np.diff(frequency)
         if np.any(steps == 0.0):
-            raise BadInput(f"{frequency[1:][steps == 0.0][0]:g} Hz stands twice", "each frequency once")
+            raise BadInput(f"{frequency[1:][steps == 0.0][0]:g} Hz occurs twice", "each frequency once")
         if np.any(steps < 0.0):
             raise BadInput(f"{frequency[1:][steps < 0.0][0]:g} Hz is out of order", "ascending frequencies")
         errors = self.standard_error_db
@@ -180,7 +180,7 @@ COMFORT_DB_SL = 55.0
 FELT_BAND_HZ = (2.0, 300.0)
 """Where levels are felt and compared, hertz: from the paper's lowest frequency to the end of its band."""
 LOWEST_DB_SL = -60.0
-"""The least level that may be asked for: far below what is felt and what a sensor can tell from its noise. Below some
+"""The least level that may be asked for: far below what is felt and what a sensor resolves. Below some
 -6500 dB SL an amplitude is zero in double precision, and a ratio to it is no number."""
 Level = Annotated[Number, Field(ge=LOWEST_DB_SL, le=COMFORT_DB_SL)]
 """A level in dB SL that the display may be asked for."""

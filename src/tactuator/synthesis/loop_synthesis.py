@@ -195,12 +195,12 @@ def diagnosis(task: Task) -> str:
     )
     wanted = ", ".join(str(limit) for limit in binding)
     reached = ", ".join(str(replace(limit, asked=limit.figure_at(worst[limit]))) for limit in binding)
-    advice = f"allowed, all others kept: {' or '.join(ways)}" if ways else _HELP
+    advice = f"with all others kept, this works: {' or '.join(ways)}" if ways else _HELP
     return f"{_NONE_FOUND}; those that bind: {wanted}; nearest miss: {reached}; {advice}"
 
 
 _NONE_FOUND = "the search, which is local, found no loop that meets the requirements"
-_HELP = "allowed: looser limits of more than one kind, a faster rate, less delay, or a stiffer load"
+_HELP = "try looser limits of more than one kind, a higher rate, less delay, or a stiffer load"
 
 
 def _sound(problem: LoopProblem, starts: Sequence[FloatArray], relaxed: Sequence[Limit] = ()) -> list[Solution]:

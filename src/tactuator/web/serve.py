@@ -52,21 +52,21 @@ def serve(
         Place | None,
         Option("A line with a token for each operator; default: TACTUATOR_OPERATOR_TOKEN, or fresh.", type=Path | None),
     ] = None,
-    speed: Annotated[float, Option("Speed of presentation on a rig that could go faster; 0: as fast as it can.")] = 1.0,
+    speed: Annotated[float, Option("Speed of presentation; 0: as fast as possible.")] = 1.0,
     operator: Annotated[
-        list[str] | None, Option("An operator's name, kept with what they do; each has an address.", metavar="NAME")
+        list[str] | None, Option("Name of an operator, for the log; repeatable.", metavar="NAME")
     ] = None,
     auto_start: Annotated[bool, Option("Subjects may begin without the operator.")] = False,
-    amend: Annotated[str | None, Option("Why the protocol says something else than before: a new version.")] = None,
+    amend: Annotated[str | None, Option("Why the protocol changed; stored as a new version.")] = None,
     show: Annotated[
         bool, Option("Show stimuli on the page where the display is simulated.", ("--show/--no-show",))
     ] = True,
     lsl: Lsl = False,
     seed: Seed = 0,
 ) -> None:
-    """Serve the study to browsers. There is one page for every subject and one for the operator, until interrupted;
-    the addresses go to standard error. Without a display or controller file: the paper's display and C. A study is
-    known by its name; further subjects in its protocol are enrolled, anything else that changed takes --amend.
+    """Serve the study to browsers. Runs until interrupted; the addresses of subjects and operator go to standard error.
+    Without a display or controller file: the paper's display and C. A changed protocol needs --amend, unless it only
+    adds subjects.
 
     Raises BadInput where another process runs the sessions of the store.
     """

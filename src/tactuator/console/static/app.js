@@ -7,9 +7,9 @@ import { leftRig, stopRig } from "./rig.js";
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
 let shown = null, ready = false, about = null, renewed = false, routes = 0;
-const remembered = {}; // of each view that was left, its own part of the address
+const remembered = {}; // of each view that was left, its part of the address
 const shapesOf = {}; // of each display, the loops that were shaped: links from the start page and addresses typed anew do not bear them
-// Tabs of one origin tell each other the token as long as one of them is open: it is written nowhere.
+// Tabs of one origin share the token as long as one of them is open; it is stored nowhere.
 const tabs = new BroadcastChannel("token");
 
 // A view: constructor(view, link, state), open(); and where it has them again() after a lost connection, take(message),

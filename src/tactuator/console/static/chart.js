@@ -1,4 +1,4 @@
-// A chart by uPlot of lines, points, bands and limits, each at places of its own; a crosshair reads it, a legend names it.
+// A chart by uPlot of lines, points, bands and limits, each with its own x; a crosshair reads it, a legend names it.
 import { colour, digits, large, make } from "./dom.js";
 
 const { uPlot } = window;
@@ -14,7 +14,7 @@ export class Chart {
     this.out = make("output", { class: "readout", "aria-hidden": "true" });
     this.host = make("div", { class: "plot", role, "aria-label": title });
     this.box = make("div", { class: "chart" }, make("div", { class: "head" }, make("h3", {}, title), this.out), this.host, this.legend);
-    this.host.style.minHeight = `${high()}px`; // what stands below does not move when the curves come
+    this.host.style.minHeight = `${high()}px`; // what is below does not move when the curves come
   }
 
   show(series) {
@@ -57,7 +57,7 @@ export class Chart {
 
   ends() { const [low, high] = [this.places[0] || (this.log ? 1 : 0), this.places.at(-1)]; return high > low ? [low, high] : [low / 2, 2 * low || 1]; }
 
-  // The range of y; it stands still while something is held.
+  // The range of y; it does not change while something is held.
   limits(low, high) {
     if (this.still && this.held) return this.held;
     const more = 0.06 * (high - low) || 1;

@@ -25,14 +25,14 @@ export default class Display {
       } });
     this.text = make("textarea", { id: "text", spellcheck: "false", "aria-label": "Display file as text", rows: "24", oninput: () => this.soon(), onscroll: () => { this.gutter.scrollTop = this.text.scrollTop; } });
     this.gutter = make("pre", { class: "gutter", "aria-hidden": "true" });
-    this.told = make("p", { class: "crossed told", role: "alert", id: "fault" });
+    this.alert = make("p", { class: "crossed alert", role: "alert", id: "fault" });
     this.form = make("div", { class: "form" });
     this.sketch = make("div", { class: "panel" });
     this.bar = make("div", { class: "bar" });
     this.buttons = [["Undo", () => this.step(this.past, this.future)], ["Redo", () => this.step(this.future, this.past)]].map(([text, onclick]) => make("button", { type: "button", onclick }, text));
     view.replaceChildren(make("h1", {}, "Display"),
       make("p", {}, "What the display is and what it must do. The form and the text are the same file: a change of one changes the other."),
-      this.drop.box, this.bar, this.told,
+      this.drop.box, this.bar, this.alert,
       make("div", { class: "written" }, make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Form"), this.form)),
         make("div", {}, make("div", { class: "panel" }, make("h2", {}, "Text"), make("div", { class: "editor" }, this.gutter, this.text)))),
       this.sketch);
@@ -72,7 +72,7 @@ export default class Display {
       if (text !== this.text.value) return;
       if (found.form.length) this.fields(found.form);
       this.fault(found.fault, found.line);
-      this.told.append(...found.doubts.map((one) => make("span", { class: "doubt" }, one)));
+      this.alert.append(...found.doubts.map((one) => make("span", { class: "doubt" }, one)));
       this.actions(found);
       if (found.sketch) this.sketch.replaceChildren(make("h2", {}, "Channels of ", found.sketch.name), ...found.sketch.channels.map((one) => sketched(one, found.sketch)));
     } catch (error) { if (!error.lost) this.fault(error.message, null); }
@@ -80,7 +80,7 @@ export default class Display {
 
   fault(text, line) {
     this.numbers(line);
-    this.told.replaceChildren(...(text ? [...(line ? [make("button", { type: "button", onclick: () => this.show(line) }, `Line ${line}`), " "] : []), text] : []));
+    this.alert.replaceChildren(...(text ? [...(line ? [make("button", { type: "button", onclick: () => this.show(line) }, `Line ${line}`), " "] : []), text] : []));
     this.text.setAttribute("aria-invalid", String(Boolean(text)));
   }
 

@@ -2,7 +2,7 @@
 export const el = (id) => document.getElementById(id);
 export const say = (text) => { el("said").textContent = text; };
 export const banner = (text) => { el("banner").textContent = text; el("banner").hidden = text === ""; };
-// A refusal is shown; that the connection is lost is told already.
+// A refusal is shown; a lost connection is shown already.
 export const refusal = (error) => { if (!error.lost) banner(error.message); };
 
 export function make(name, attributes = {}, ...content) {
@@ -22,7 +22,7 @@ export function draw(name, attributes = {}, ...content) {
   return node;
 }
 
-// What is wrong with a field stands at it until something else is typed or chosen there; nothing is sent then.
+// What is wrong with a field is shown beside it until something else is typed or chosen; nothing is sent then.
 export function fault(field, text) {
   const wrong = field.nextElementSibling?.classList.contains("wrong") ? field.nextElementSibling : make("small", { class: "wrong", role: "alert" });
   field.setAttribute("aria-invalid", String(text !== ""));
@@ -46,8 +46,8 @@ export function numberIn(field, optional = false) {
   const { min, max } = field, text = field.value.trim(), bad = field.validity.badInput;
   if (optional && text === "" && !bad) { fault(field, ""); return null; }
   const value = text === "" ? NaN : Number(text), within = Number.isFinite(value) && !(min && value < Number(min)) && !(max && value > Number(max));
-  const allowed = min && max ? `${min} to ${max}` : min ? `${min} or more` : max ? `up to ${max}` : "a number";
-  fault(field, within ? "" : `${text || (bad ? "no number" : "empty")}; expected ${allowed}`);
+  const range = min && max ? `${min} to ${max}` : min ? `${min} or more` : max ? `up to ${max}` : "a number";
+  fault(field, within ? "" : `${text || (bad ? "not a number" : "empty")}: enter ${range}`);
   return within ? value : NaN;
 }
 

@@ -2,21 +2,21 @@
 import { make, say } from "./dom.js";
 
 export class Drop {
-  // example: a file of the package that a button takes. taken: called with (key, name); it may be async, and what it throws is told here. busy: called with true when a file
+  // example: a file of the package that a button takes. taken: called with (key, name); it may be async, and what it throws is shown here. busy: called with true when a file
   // sets out, and with false when it is taken or refused.
   constructor(link, { label, hint = "", multiple = false, accept = "", example = "", taken, busy = () => {} }) {
     Object.assign(this, { link, label, taken, multiple, busy });
     this.input = make("input", { type: "file", multiple: multiple ? "" : null, accept: accept || null, onchange: () => { this.take([...this.input.files]); this.input.value = ""; } });
-    this.told = make("p", { class: "crossed told", role: "alert" });
+    this.alert = make("p", { class: "crossed alert", role: "alert" });
     this.name = make("span", { class: "name" });
     this.box = make("div", { class: "drop" }, make("label", {}, make("strong", {}, label), " ", this.input), this.name, hint ? make("p", {}, hint) : "",
-      example ? make("button", { type: "button", class: "example", onclick: () => this.shown(example, () => ({ key: `example:${example}`, name: example })) }, `Try the example ${example}`) : "", this.told);
+      example ? make("button", { type: "button", class: "example", onclick: () => this.shown(example, () => ({ key: `example:${example}`, name: example })) }, `Try the example ${example}`) : "", this.alert);
     this.box.ondragover = (event) => { event.preventDefault(); this.box.classList.add("over"); };
     this.box.ondragleave = () => this.box.classList.remove("over");
     this.box.ondrop = (event) => { event.preventDefault(); this.box.classList.remove("over"); this.take([...event.dataTransfer.files]); };
   }
 
-  refuse(text) { this.told.textContent = text; }
+  refuse(text) { this.alert.textContent = text; }
 
   async take(files) {
     for (const file of this.multiple ? files : files.slice(0, 1)) await this.shown(file.name, () => this.send(file), file);

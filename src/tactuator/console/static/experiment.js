@@ -21,7 +21,7 @@ export default class Experiment {
     if (this.rig.absent || this.closed) return;
     await new Promise((ready) => {
       this.studies = new Link(sessionStorage.getItem("token") ?? "", (what) => { if (what !== "open") { this.known = undefined; ready(); } },
-        (message) => { if (message.study) this.told(message.study.open).catch(refusal).finally(ready); }, "/ws/study");
+        (message) => { if (message.study) this.update(message.study.open).catch(refusal).finally(ready); }, "/ws/study");
     });
   }
 
@@ -31,7 +31,7 @@ export default class Experiment {
     const { display } = this.rig.standing;
     this.loader = new Loader(this.rig, this.link, this.state);
     this.title = make("h1", {}, `Experiment on ${display}`);
-    this.said = make("p", { class: "crossed told", role: "alert" });
+    this.said = make("p", { class: "crossed alert", role: "alert" });
     this.bits = { setup: make("div", { class: "panel" }), panel: make("div"), more: make("div") };
     this.view.replaceChildren(this.title, this.rig.bar, this.loader.box, this.said, this.bits.setup, this.bits.panel, this.bits.more);
     this.setup();
@@ -123,7 +123,7 @@ export default class Experiment {
   }
 
   // What the server says of the study; the panel is taken up once, and left when the study is over.
-  async told(study) {
+  async update(study) {
     if (JSON.stringify(study) === JSON.stringify(this.known)) return;
     this.known = study;
     this.leave?.();

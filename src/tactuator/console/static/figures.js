@@ -23,7 +23,7 @@ export const designTable = (rows, kept) => table("Figures, the worst over loads 
   rows.map(([name, value]) => [name, value, ...kept.map((one) => one.rows.find(([other]) => other === name)?.[1] ?? "—")]));
 
 export function verdict(found) {
-  // remarks are sentences: each has a line of its own below its finding
+  // remarks are sentences: each has a line below its finding
   const width = found.columns.length - 1;
   const made = table("Objectives", found.columns.slice(0, width), found.rows.map((row) => row.slice(0, width)));
   [...made.tBodies[0].rows].forEach((row, index) => {

@@ -3,10 +3,10 @@ const ENDS = { 4003: "refused", 4004: "none" };
 const AGAIN_MS = 600;
 
 export class Link {
-  // told: called with "open", "lost", "refused" or, where there is nothing at that path, "none". pushed: called with
+  // report: called with "open", "lost", "refused" or, where there is nothing at that path, "none". pushed: called with
   // what the server sends unasked, bytes as an ArrayBuffer.
-  constructor(token, told, pushed, path = "/ws") {
-    Object.assign(this, { token, told, pushed, path, count: 0, waiting: new Map() });
+  constructor(token, report, pushed, path = "/ws") {
+    Object.assign(this, { token, report, pushed, path, count: 0, waiting: new Map() });
     this.connect();
   }
 
@@ -15,13 +15,13 @@ export class Link {
     this.socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
     this.socket.binaryType = "arraybuffer";
     this.isRefused = false;
-    this.socket.onopen = () => { this.socket.send(this.token); this.told("open"); };
+    this.socket.onopen = () => { this.socket.send(this.token); this.report("open"); };
     this.socket.onmessage = ({ data }) => (typeof data === "string" ? this.take(JSON.parse(data)) : this.pushed(data));
     this.socket.onclose = (event) => {
       this.lose();
       if (this.closed) return;
       this.isRefused = ENDS[event.code] === "refused";
-      this.told(ENDS[event.code] ?? "lost");
+      this.report(ENDS[event.code] ?? "lost");
       if (!(event.code in ENDS)) setTimeout(() => { if (!this.closed) this.connect(); }, AGAIN_MS);
     };
   }

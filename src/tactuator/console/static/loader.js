@@ -3,7 +3,7 @@ import { make } from "./dom.js";
 import { Drop } from "./drop.js";
 
 export class Loader {
-  // more: what stands in the same bar ahead of it.
+  // more: what precedes it in the same bar.
   constructor(rig, link, state, ...more) {
     Object.assign(this, { rig, state });
     const press = (source, text) => make("button", { type: "button", id: `use-${source}`, onclick: () => this.use(source) }, text);

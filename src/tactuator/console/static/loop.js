@@ -143,8 +143,8 @@ export default class Loop {
     this.handles.show(this.shape(), this.basis.frequency_hz, this.frame.curves[0]);
     if (!this.view.querySelector(".factor:focus-within")) this.editor.show(this.shape(), false, this.held);
     const { unstable, crossed } = this.frame;
-    const told = unstable.length ? `Unstable: ${unstable.join(", ").replace(/\bnone\b/, "no load")}.` : begun && crossed.length ? `Beyond a limit: ${crossed.map((one) => REGIONS[one] ?? `${one} Hz`).join(", ")}.` : "";
-    if (this.bits.crossed.textContent !== told) { this.bits.crossed.textContent = told; say(told || (begun ? "Every limit is kept." : standing)); }
+    const crossedText = unstable.length ? `Unstable: ${unstable.join(", ").replace(/\bnone\b/, "no load")}.` : begun && crossed.length ? `Beyond a limit: ${crossed.map((one) => REGIONS[one] ?? `${one} Hz`).join(", ")}.` : "";
+    if (this.bits.crossed.textContent !== crossedText) { this.bits.crossed.textContent = crossedText; say(crossedText || (begun ? "Every limit is kept." : standing)); }
     this.bits.standing.textContent = standing;
     this.bits.tiles.classList.toggle("undesigned", !begun);
     this.buttons.undo.disabled = !this.past.length; this.buttons.redo.disabled = !this.future.length;

@@ -103,7 +103,7 @@ export class Nichols {
     this.layers.axes.replaceChildren(...made);
   }
 
-  // The window holds what is drawn; it stands still while something is dragged.
+  // The window holds what is drawn; it does not change while something is dragged.
   fit() {
     let left = -360, top = 30;
     for (const one of this.frame.curves) {

@@ -105,7 +105,7 @@ export default class Prefilter {
     const over = Number(found.greatest_db) > allowed;
     const loop = this.display.channels.find((one) => one.name === this.state.channel).loop;
     this.bits.error.replaceChildren(make("strong", { class: "chip" }, loop ? "behind the loop that “design” makes" : "no loop"), ` Greatest error ${found.greatest_db} dB at ${found.worst_hz} Hz, rms ${found.rms_db} dB; allowed: ${allowed} dB.`,
-      ...(loop && this.state.shapes[this.state.channel] ? [" The view Loop tells that of the loop it shows."] : []));
+      ...(loop && this.state.shapes[this.state.channel] ? ["  The view Loop shows the error with its own loop."] : []));
     this.bits.error.classList.toggle("over", over);
     this.count.textContent = String(found.poles);
     this.buttons.fewer.disabled = found.poles <= FEWEST; this.buttons.more.disabled = found.poles >= MOST;

@@ -131,13 +131,13 @@ export default class Response {
     const joined = points.map((one) => ({ ...one, points: false, bars: null, quiet: true, width: 1 }));
     this.chart.show([...this.asked(found), ...lines, ...beneath, ...joined, ...points]);
     this.bits.within.textContent = rows ? `${rows.name}: ${rows.within}` : "";
-    const cut = rows?.saturated.some(Boolean), cell = (text) => make("td", { class: "number" }, text), told = (value) => (value === null ? "—" : value.toFixed(2)), heads = ["Hz", "felt, dB SL", "error, dB", "JND", "± dB", "model’s, dB", ...(cut ? ["cut"] : [])];
-    this.bits.table.replaceChildren(rows === null ? make("p", {}, "The points stand here when they are measured: felt minus asked is the error, and what of it the model expects is told beside it.") : make("table", { class: "points" }, make("caption", {}, `${channel}, ${rows.name}: the largest error (felt minus asked) first`),
+    const cut = rows?.saturated.some(Boolean), cell = (text) => make("td", { class: "number" }, text), fixed = (value) => (value === null ? "—" : value.toFixed(2)), heads = ["Hz", "felt, dB SL", "error, dB", "JND", "± dB", "model’s, dB", ...(cut ? ["cut"] : [])];
+    this.bits.table.replaceChildren(rows === null ? make("p", {}, "Measured points appear here, with their level error (felt minus requested) and the part of it that the model predicts.") : make("table", { class: "points" }, make("caption", {}, `${channel}, ${rows.name}: the largest level error (felt minus requested) first`),
       make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", { scope: "col", class: "number" }, text)))),
-      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(told(rows.level_db_sl[k])), cell(told(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : rows.confidence_db[k] < 0.01 ? "< 0.01" : told(rows.confidence_db[k])), cell(told(rows.model_db[k])), ...(cut ? [cell(rows.saturated[k] ? "yes" : "")] : []))))));
+      make("tbody", {}, ...rows.worst_first.map((k) => make("tr", {}, cell(digits(rows.frequency_hz[k])), cell(fixed(rows.level_db_sl[k])), cell(fixed(rows.error_db[k])), cell(rows.error_jnd[k] === null ? "—" : rows.error_jnd[k].toFixed(1)), cell(rows.confidence_db[k] === null ? "—" : rows.confidence_db[k] < 0.01 ? "< 0.01" : fixed(rows.confidence_db[k])), cell(fixed(rows.model_db[k])), ...(cut ? [cell(rows.saturated[k] ? "yes" : "")] : []))))));
   }
 
-  // the level that was asked for, of the points or else of the input, with what can just be told from it
+  // the requested level, of the points or else of the input, with the just-noticeable difference
   asked(found) {
     if (!this.expected) return [];
     const { frequency_hz, asked_db_sl, jnd_db } = this.expected, level = found.at(-1)?.asked_db_sl ?? asked_db_sl, all = (value) => frequency_hz.map(() => value);

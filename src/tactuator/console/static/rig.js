@@ -1,4 +1,4 @@
-// The rig of the console: its connection, where it stands, who has the controls, and the stop that is always there.
+// The rig of the console: its connection and state, who has the controls, and the stop that is always there.
 import { banner, make, refusal, say } from "./dom.js";
 import { Link } from "./link.js";
 
@@ -8,16 +8,16 @@ const HOLDERS = { you: "this page has the controls", another: "another page has 
   experiment: "an experiment has the rig; pages of the scope watch" };
 
 const KEPT = 6;
-// The newest measurements that this page was told of; they stay while views come and go.
+// The newest measurements that this page received; they stay while views come and go.
 export const measured = new Map();
 let held = null, count = 0;
 
-// The rig of this page for a view: what plays goes on from one view of the rig to the next. told: called whenever the
+// The rig of this page for a view: what plays continues from one view of the rig to the next. changed: called whenever the
 // standing has changed, and once by the view. pushed: called with frames, levels and points; true where a frame is drawn.
-export function takenRig(told, pushed) {
+export function takenRig(changed, pushed) {
   if (held && held.link.token !== sessionStorage.getItem("token")) held.end();
   held ??= new Rig();
-  return Object.assign(held, { told, pushed });
+  return Object.assign(held, { changed, pushed });
 }
 
 // Where a view without the rig is shown the page lets it go: the generator goes silent.
@@ -42,7 +42,7 @@ class Rig {
   }
 
   // A view leaves it.
-  close() { Object.assign(this, { told: () => {}, pushed: null }); }
+  close() { Object.assign(this, { changed: () => {}, pushed: null }); }
   end() { held = null; this.link.close(); }
   get watches() { return this.standing?.controls !== "you"; }
   get mayPlay() { return this.open && !this.watches && !this.loading && !["gone", "fault"].includes(this.standing.mode); }
@@ -55,7 +55,7 @@ class Rig {
     if (what === "none") this.absent = true;
     if (this.open) banner("");
     this.show();
-    this.told();
+    this.changed();
   }
 
   take(message) {
@@ -67,7 +67,7 @@ class Rig {
       this.forFile &&= wave?.kind === "file" || played !== "file";
       if (before !== this.standing.mode && this.standing.controls !== "experiment") say(MODES[this.standing.mode]);
       this.show();
-      this.told();
+      this.changed();
     } else {
       if (message.points) this.keep(message.points);
       this.pushed?.(message);
@@ -98,7 +98,7 @@ class Rig {
   }
 
   // A controller is on its way to the rig, or is there: what began meanwhile would be ended by it.
-  loads(on) { this.loading += on ? 1 : -1; this.told(); }
+  loads(on) { this.loading += on ? 1 : -1; this.changed(); }
 
   async do(what, more = {}) {
     try {
@@ -109,7 +109,7 @@ class Rig {
   }
 }
 
-// A view of a rig: it is built when the rig has said what it is, or says that there is none.
+// A view of a rig: it is built when the rig has reported what it is, or that it is missing.
 export function connected(view, title, built, standing, pushed) {
   view.replaceChildren(make("h1", {}, title), make("p", {}, "Connecting to the rig."));
   return new Promise((ready) => {
@@ -121,7 +121,7 @@ export function connected(view, title, built, standing, pushed) {
       standing(rig);
       ready(rig);
     }, pushed);
-    rig.told();
+    rig.changed();
   });
 }
 

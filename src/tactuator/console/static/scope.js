@@ -123,15 +123,15 @@ export default class Scope {
 
   // At the two cursors, and at the pointer.
   readings() {
-    const { traces } = this, told = [], k = Math.max(0, this.channels.findIndex((one) => one.name === this.source.value));
+    const { traces } = this, read = [], k = Math.max(0, this.channels.findIndex((one) => one.name === this.source.value));
     if (!traces.frame) return;
     const at = (share) => ROWS.map(({ title, unit }, i) => `${title} ${digits(traces.value(share, i, k))} ${unit.split(" ")[0]}`).join(", ");
     if (traces.cursors) {
       const [first, second] = traces.cursors, apart = traces.time(second) - traces.time(first);
-      told.push(`cursors: ${digits(apart * 1000)} ms apart, ${digits(1 / Math.abs(apart))} Hz · ${this.channels[k].name}: ${at(first)} and ${at(second)}`);
+      read.push(`cursors: ${digits(apart * 1000)} ms apart, ${digits(1 / Math.abs(apart))} Hz · ${this.channels[k].name}: ${at(first)} and ${at(second)}`);
     }
-    if (traces.hover !== null) told.push(`pointer: ${digits(traces.time(traces.hover) * 1000)} ms, ${this.channels[k].name}: ${at(traces.hover)}`);
-    this.bits.cursors.textContent = told.join(" · ");
+    if (traces.hover !== null) read.push(`pointer: ${digits(traces.time(traces.hover) * 1000)} ms, ${this.channels[k].name}: ${at(traces.hover)}`);
+    this.bits.cursors.textContent = read.join(" · ");
   }
 
   felt(levels) {
@@ -147,17 +147,17 @@ export default class Scope {
     this.strip.show({ first: LEVELS - columns, step: 1, columns, values: 1, data }, this.channels, 8, 0, LEVELS, LEVELS);
   }
 
-  // What is played is told as a level; with nothing played, what there is comes of the sensor and is felt by nobody.
+  // What is played is shown as a level; with nothing played, the signal is the sensor's own and is not felt.
   tiles(levels) {
     const { wave, mode } = this.rig.standing, nothing = { live: "the first second", measuring: "the view Response measures" }[mode] ?? "nothing is played";
     this.bits.tiles.replaceChildren(...this.channels.map((one, k) => {
       const plays = wave?.channels.includes(one.name), tone = levels?.tone_db_sl[k] ?? null;
       if (!levels) return make("div", {}, make("dt", {}, one.name), make("dd", {}, "—", make("small", {}, nothing)));
-      const mean = levels.command_mean_v[k], told = `mean command ${mean.toFixed(3)} V`;
-      if (levels.level_db_sl[k] < NOTHING_DB || Math.abs(mean) > AT_LIMIT * one.range_v) return make("div", { class: "not-met" }, make("dt", {}, one.name), make("dd", {}, "saturated", make("small", {}, "no level is true there"), make("small", {}, told)));
+      const mean = levels.command_mean_v[k], read = `mean command ${mean.toFixed(3)} V`;
+      if (levels.level_db_sl[k] < NOTHING_DB || Math.abs(mean) > AT_LIMIT * one.range_v) return make("div", { class: "not-met" }, make("dt", {}, one.name), make("dd", {}, "saturated", make("small", {}, "no level is true there"), make("small", {}, read)));
       const strongest = `${digits(levels.peak_hz[k])} Hz: ${levels.peak_db_sl[k].toFixed(1)} dB SL`, all = `${levels.level_db_sl[k].toFixed(1)} dB SL`;
       return make("div", { class: plays ? "met" : "" }, make("dt", {}, one.name), make("dd", {}, plays && tone !== null ? `${tone.toFixed(1)} dB SL` : all,
-        make("small", {}, plays ? tone === null ? "all that is played" : `at the tone; all ${all}` : "sensor’s own hum, noise"), make("small", {}, strongest), make("small", {}, told)));
+        make("small", {}, plays ? tone === null ? "all that is played" : `at the tone; all ${all}` : "sensor hum and noise"), make("small", {}, strongest), make("small", {}, read)));
     }));
   }
 

@@ -1,4 +1,4 @@
-// What a person may change of a controller: the factors, and their parameters, whose ranges the server tells.
+// What a person may change of a controller: the factors, and their parameters, whose ranges the server sends.
 export const KINDS = {
   integrator: { title: "integrator", add: {}, sides: [0, 1] },
   zero: { title: "zero", add: { hz: 30 }, sides: [1, 0] },
@@ -22,7 +22,7 @@ export const second = (factor) => ["damping", "ratio", "depth_db"].filter((name)
 export const copied = (shape) => structuredClone(shape);
 
 const ranges = {};
-export const setRanges = (told) => Object.assign(ranges, told);
+export const setRanges = (received) => Object.assign(ranges, received);
 export const highest = (name) => ranges[name][1];
 
 export function limited(name, value) {

@@ -6,8 +6,8 @@ export const HUES = ["nominal", "load", "load2", "sense"];
 
 // A frame of the server, see HEADER in scope.py.
 export function frameOf(buffer) {
-  const ints = new Uint32Array(buffer, 0, 4), rows = new Float64Array(buffer, 16, 4), told = new Uint32Array(buffer, 48, 4);
-  const [number, columns, series, values] = ints, [first, step, end, crossing] = rows, [dropped, lost, limited, done] = told;
+  const ints = new Uint32Array(buffer, 0, 4), rows = new Float64Array(buffer, 16, 4), counts = new Uint32Array(buffer, 48, 4);
+  const [number, columns, series, values] = ints, [first, step, end, crossing] = rows, [dropped, lost, limited, done] = counts;
   return { number, columns, series, values, first, step, end, crossing, dropped, lost, limited, done: done === 1, data: new Float32Array(buffer, HEADER) };
 }
 
@@ -54,7 +54,7 @@ export class Traces {
     return context;
   }
 
-  // What stands in each row: a signal of all channels laid over each other, or of one channel.
+  // The content of each row: a signal of all channels laid over each other, or of one channel.
   layout() {
     const shown = this.channels.map((one, k) => ({ ...one, k })).filter((one) => one.shown);
     const rows = this.rows.flatMap(({ title, unit }, signal) => (this.apart ? shown.map((one) => ({ signal, of: [one], title: `${one.name}, ${title} (${unit})` })) : [{ signal, of: shown, title: `${title} (${unit})` }]));

@@ -1,4 +1,4 @@
-// The value at a handle: it stands beside the handle that has the focus, follows it, and can be typed over.
+// The value at a handle: it is shown beside the handle that has the focus, follows it, and can be typed over.
 import { digits, make, numberIn, put } from "./dom.js";
 
 const APART = 14, FARTHER = [0, 25, 60, 110];

@@ -43,7 +43,7 @@ class PlannedStudy:
     spread_db: Annotated[Positive, Field(description="standard deviation between people, or (within) occasions")]
     design: Annotated[Design, Field(description="two groups, or one group under two conditions")] = "between"
     repeats: Annotated[Whole, Field(ge=1, description="runs of a person under a condition")] = 1
-    alpha: Annotated[Number, Field(gt=0.0, lt=0.5, description="false alarms allowed, both sides together")] = 0.05
+    alpha: Annotated[Number, Field(gt=0.0, lt=0.5, description="two-sided significance level")] = 0.05
     power: Annotated[Number, Field(gt=0.05, lt=0.9999, description="probability of finding the effect")] = 0.8
 
     def power_of(self, subjects: int | FloatArray, run_error_db: float) -> FloatArray:
