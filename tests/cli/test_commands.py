@@ -289,8 +289,8 @@ def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, run):
     [
         ("zzz", "no command 'zzz'; expected trial"),
         ("trail", "'trail' (did you mean 'trial'?)"),
-        ("--loud", "--loud (`tactuator --help` tells"),
-        ("trial --loud", "--loud (`tactuator trial --help` tells"),
+        ("--loud", "--loud (`tactuator --help` lists"),
+        ("trial --loud", "--loud (`tactuator trial --help` lists"),
         ("trial --rate-hz fast", "valid number, unable to parse string as a number (got 'fast')"),
         ("trial surplus", "(surplus) (`tactuator trial --help` lists what it takes"),
     ],

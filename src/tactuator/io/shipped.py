@@ -22,6 +22,19 @@ from tactuator.signals.spectra import off_mains
 _WIDTH = 120
 
 DISPLAY_KINDS = ("tactuator", "voice-coil", "lra", "exciter", "piezo")
+_SET_BY_FILES = {
+    "family", "models", "covariance", "valid_hz", "model_error_db", "model_error_hz", "recorded", "unchanged",
+    "assumed",
+}  # fmt: skip
+"""Keys that come with a model, or that the reader fills in: not for a person who writes a first display file."""
+_EXAMPLES_OF_KEYS = {
+    "loads": '[{ name = "finger", mass = 0.25, damping = 25.0, stiffness = 15000.0 }]',
+    "mass_kg": "0.02", "sensor_gain_v_per_n": "0.1", "measured": '"environment.json"', "contours": '"contours.csv"',
+    "controller": "{ num = [12.264, 1361.3, 6499.9], den = [1, 260, 0] }", "area_mm2": "30.0",
+    "preload_n": "0.5", "age_years": "[20.0, 30.0]", "output": "1", "input": "1", "output_full_scale_v": "2.83",
+}  # fmt: skip
+"""Values, as TOML writes them, for keys without a default that could be written."""
+
 PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", "middle-of-three", "abx")
 
 
@@ -31,9 +44,7 @@ def display_template(kind: str) -> str:
 
 
 def _commented(text: str) -> str:
-    """Return the text of a display with what its keys mean, and the keys that it leaves out as comments with their
-    defaults: both as the fields of the dataclasses have them.
-    """
+    """Return the text of a display with the meaning of its keys, and with the keys that it leaves out as comments."""
 
     def with_keys(name: str, table: str) -> str:
         lines = []
@@ -41,7 +52,8 @@ def _commented(text: str) -> str:
             given = re.match(r"(\w+) = ", line)
             meaning = "" if given is None or "#" in line else f"  # {keys_of(name)[given[1]].description}"
             lines.append(line + meaning if len(line + meaning) <= _WIDTH else line)
-        lines += [_left_out(*each) for each in keys_of(name).items() if not re.search(rf"(?m)^{each[0]} = ", table)]
+        left_out = {key: about for key, about in keys_of(name).items() if not re.search(rf"(?m)^{key} = ", table)}
+        lines += [_left_out(key, about) for key, about in left_out.items() if key not in _SET_BY_FILES]
         return "\n".join(lines) + "\n"
 
     head, *parts = re.split(r"(?m)^(?=\[)", text)
@@ -49,10 +61,14 @@ def _commented(text: str) -> str:
     return head + "\n".join(with_keys(name, tables.get(name, f"# [{name}]\n")) for name in TABLES)
 
 
-def _left_out(key: str, about: Any, value: str | None = None) -> str:
-    line = f"# {key} = {value or default(about) or '...'}"
-    meaning = f"{line}  # {about.description}"
-    return meaning if len(meaning) <= _WIDTH else line
+def _left_out(key: str, about: Any, value: str = "", note: str = "") -> str:
+    """Return a line that is TOML once its first "# " is removed: with the default, or with an example of a value."""
+    example = _EXAMPLES_OF_KEYS.get(key, "")
+    line = f"# {key} = {value or example or default(about)}  # {note}{'for example; ' if example else ''}"
+    meaning = re.sub(r"\[(.*?)\]\(.*?\)", r"\1", about.description)
+    while len(line + meaning) > _WIDTH:  # its last clause goes
+        meaning = re.sub("(^|[;:] )[^;:]*$", "", meaning)
+    return line + meaning
 
 
 def protocol_files(kind: str, display: Display) -> dict[str, bytes]:
@@ -103,14 +119,25 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     quantity = "" if model.quantity == "displacement" else f'\nquantity = "{model.quantity}"'
     recorded = f"  # the record has {model.record['rate_hz']:g}" if "rate_hz" in model.record else ""
     plant = f"plant = {json.dumps(path)}{quantity}"
+    in_mm = "sensor_gain_v_per_mm = 1.0  # the model's position is in mm"
+    friction = {"friction_v": model.friction.get("coulomb"), "presliding_v": model.friction.get("presliding")}
+
+    def known_friction(line: re.Match[str]) -> str:
+        value = friction[line[1]]
+        return _left_out(line[1], keys[line[1]], "" if value is None else f"{value:.4g}", "default: the model's; ")
+
     changes: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
         (r"^plant = \{[^}]*\}.*$", lambda line: plant),
         (r"^band_hz = \[[^]]*\]", lambda line: f"band_hz = [{low:g}, {high:g}]"),
-        (r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)#", lambda line: f"{line[1]}# CHANGE THIS:"),
+        (r"^sensor_gain_v_per_mm = [\d.e-]+ *#.*", lambda line: in_mm if model.position_unit == "mm" else line[0]),
+        (
+            r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)# (?!the m)",
+            lambda line: f"{line[1]}# CHANGE THIS: ",
+        ),
         (r"^rate_hz = [\d.]+", lambda line: line[0] + recorded),
         (r"^loads = ", lambda line: f"# {line[0]}"),
         (r"^(adaptive|hum_hz|hum_v_peak|noise_v_rms) = .*", lambda line: _left_out(line[1], keys[line[1]])),
-        (r"^(?:# )?(friction_v|presliding_v) = .*", lambda line: _left_out(line[1], keys[line[1]], "the model's")),
+        (r"^(?:# )?(friction_v|presliding_v) = .*", known_friction),
     )
     for pattern, change in changes:
         text = re.sub(pattern, change, text, flags=re.MULTILINE)

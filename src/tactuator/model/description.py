@@ -177,8 +177,8 @@ class Strength:
         Contours | None,
         Wording("the path of a CSV (`level_db_sl,frequency_hz,db_sl`), or a table with the points"),
         Field(
-            description="equal-strength contours, which make all references of one level equally strong; without them, "
-            "they are equally far above threshold"
+            description="equal-strength contours; references of one level are then equally strong, and without "
+            "contours equally far above threshold"
         ),
     ] = None
     strength_db_sl: Annotated[
@@ -250,7 +250,7 @@ class MeasuredEnvironment:
     measured: Annotated[
         str | None,
         Wording("the path of a file"),
-        Field(description="a file of `measure noise --write`, in place of `hum_hz`, `hum_v_peak` and `noise_v_rms`"),
+        Field(description="a file of `measure noise --write`; replaces `hum_hz`, `hum_v_peak` and `noise_v_rms`"),
     ] = None
 
 
@@ -295,7 +295,10 @@ class Channel:
     """
 
     name: Annotated[str, Field(description="unique name")]
-    sensor_gain_v_per_mm: Annotated[Positive, Field(description="sensor volts per mm (or mm/s, mm/s², by `quantity`)")]
+    sensor_gain_v_per_mm: Annotated[
+        Positive,
+        Field(description="sensor volts per mm (or mm/s, mm/s², by `quantity`); for a sensor that reads mm, write 1.0"),
+    ]
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
         System,

@@ -30,7 +30,7 @@ class Wires:
     ]
     output_full_scale_v: Annotated[
         Positive,
-        Field(description="volts at the motor for a sample of 1.0, with the amplifier, from `sound calibrate`"),
+        Field(description="motor volts (with the amplifier) for a sample of 1.0; from `sound calibrate`"),
     ]
     input_full_scale_v: Annotated[Positive, Field(description="volts at the input for a sample of 1.0")] = 1.0
 
@@ -97,10 +97,7 @@ class FeedbackRequirements:
     ] = 30.0
     rejection_band_hz: Annotated[
         Band,
-        Field(
-            description="among loops within the limits, minimise the mean of |S| in dB over log frequency here, for "
-            "the worst load"
-        ),
+        Field(description="where the mean of |S| in dB over log frequency is minimised, for the worst load"),
     ] = (0.4, 10.0)
     controller: Annotated[
         System | None, Wording(default="the paper's"), Field(description='C itself, for `structure = "paper"`')
