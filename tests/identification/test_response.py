@@ -11,6 +11,7 @@ from tactuator.identification.by_response import identify_response
 from tactuator.identification.identify import identify
 from tactuator.identification.options import Fixed, IdentifyOptions
 from tactuator.identification.trust import FIXED_DB, RESPONSE_ALIKE, RESPONSE_OFF
+from tactuator.model.plausibility import response_doubts
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
 from tests.cli.refusals import refused
 from tests.identification.others import Plant
@@ -22,6 +23,22 @@ HERTZ = np.geomspace(5.0, 500.0, 60)
 def test_minimum_phase__of_a_plant_without_dead_time__is_its_phase() -> None:
     value = PLANT.response(HERTZ)
     assert np.max(np.abs(minimum_phase(HERTZ, np.abs(value)) - np.unwrap(np.angle(value)))) < np.radians(5.0)
+
+
+@pytest.mark.parametrize("points", [10, 15, 30])
+@pytest.mark.parametrize("delay_s", [0.0, 2e-3, 10e-3])
+def test_response_doubts__sparse_wrapped_phase__is_no_slip_and_a_slip_is_the_right_one(points, delay_s) -> None:
+    for hertz in (np.geomspace(10.0, 1000.0, points), np.linspace(10.0, 1000.0, points)):
+        value = PLANT.response(hertz) * np.exp(-2j * np.pi * hertz * delay_s)
+        phase, error = np.angle(value), np.full(points, 0.01)
+        assert response_doubts(FrequencyResponse(hertz, np.abs(value), phase, error)) == ()
+        for slip, misread in (
+            ("degrees where radians", np.degrees(phase)),
+            ("radians where degrees", np.radians(phase)),
+        ):
+            said = response_doubts(FrequencyResponse(hertz, np.abs(value), misread, error))
+            assert all(slip in each for each in said)
+            assert said or points < 30
 
 
 @pytest.mark.parametrize("with_phase", [True, False])

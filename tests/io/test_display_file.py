@@ -298,11 +298,15 @@ def test_read_display__response__equalised_within_one_db_where_nobody_measured(f
         ({"plant": "jump.csv"}, r"channel.*plant .*jump.csv: .*4 or more"),
         ({"more": "valid_hz = [3.0, 2.0]"}, r"valid_hz is \[3, 2\]"),
         ({"plant": "model.json"}, "valid_hz is 7; it must be two frequencies"),
+        ({"plant": "speed.csv"}, 'quantity is .displacement., and the plant is of velocity; .* quantity = "velocity"'),
+        ({"plant": "unread.csv"}, "beside what is not read: 'lag'"),
     ],
-    ids=["a loop", "a load", "three points", "valid_hz", "valid_hz of a model"],
+    ids=["a loop", "a load", "three points", "valid_hz", "valid_hz of a model", "a velocity", "an unread column"],
 )
 def test_read_display__what_a_response_cannot_be__refused_in_one_line(folder: Path, asked, words: str) -> None:
     (folder / "jump.csv").write_text("frequency_hz,magnitude\n1,1\n2,2\n3,1\n")
+    (folder / "speed.csv").write_text((folder / "response.csv").read_text().replace("magnitude", "velocity [mm/s/V]"))
+    (folder / "unread.csv").write_text((folder / "response.csv").read_text().replace("confidence_db", "lag"))
     (folder / "model.json").write_text(json.dumps({"num": [1.0], "den": [1.0, 9.0], "valid_hz": 7}))
     with pytest.raises(BadInput, match=words) as refused:
         read_controller_of(folder, **asked)

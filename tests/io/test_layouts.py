@@ -1,5 +1,6 @@
 """One response and one record as instruments write them: read to the same numbers, or refused with what to write."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactuator.cli import main
 from tactuator.errors import BadInput
 from tactuator.io import text_table
 from tactuator.io.record import read_measured, read_record
@@ -330,6 +332,45 @@ def test_repeated_frequencies__apart__are_averaged_with_an_error_that_holds_them
     )
     read = read_response(path)
     np.testing.assert_allclose(read.value(), VALUE * np.exp(1j * np.pi / 6.0) * np.cos(np.pi / 6.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", ["unit in brackets", "room acoustics", "circuit simulator, polar", "analyser with a head"]
+)
+def test_identify__layouts_of_a_response_with_dead_time__find_it(tmp_path: Path, capsys, name: str) -> None:
+    layout = next(each for each in RESPONSES if each.name == name)
+    assert main(["identify", str(layout.path(tmp_path)), "--order", "2", "--zeros", "0", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["model"]["delay_s"] == pytest.approx(2e-3, abs=1e-6)
+    assert found["poles_hz"] == pytest.approx([1100.0 / (2.0 * np.pi)] * 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--phase", "phase"], "no phase column 'phase'; expected a (Hz), b (dB), lag"),
+        (["--phase", "lag=m"], "'lag', named as phase, is in m; expected a column for --phase in another unit"),
+        (["--phase", "lag=turns of 9"], "the unit 'turns of 9' of 'lag'; expected Hz, s, deg, rad"),
+        (["--magnitude", "lag=dB"], "not read: 'b (dB)'; expected --phase 'b (dB)' if it is the phase, or --ignore"),
+        (["--ignore", "x"], "no column to ignore 'x'; expected a (Hz), b (dB), lag"),
+        ([], "a magnitude without phase, beside what is not read: 'lag'"),
+    ],
+)
+def test_identify__columns_amiss__end_with_2_and_write_nothing(tmp_path: Path, capsys, options, words: str) -> None:
+    path, out = tmp_path / "r.csv", tmp_path / "model.json"
+    path.write_text("a (Hz),b (dB),lag\n" + rows(HERTZ, DB, DEG))
+    assert main(["identify", str(path), *options, "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+def test_identify__quantity_that_the_unit_contradicts__is_refused(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text("t,u,position_mm\n" + PLAIN)
+    assert main(["identify", str(path), "--quantity", "velocity"]) == 2
+    assert "quantity is 'velocity', while the position is in mm; it must be 'displacement'" in capsys.readouterr().err
 
 
 MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " ", "blanks": "   "}

@@ -317,7 +317,7 @@ def _phase_doubt(given: FrequencyResponse) -> Iterator[str]:
     }
     if np.all(level > 0.0):
         others["linear magnitudes where dB are read"] = (minimum_phase(given.frequency_hz, level), phase)
-    if np.ptp(given.magnitude) < 200.0:
+    if 3.0 < np.ptp(given.magnitude) < 200.0:  # dB of less are no more than flat
         decibels = minimum_phase(given.frequency_hz, 10.0 ** (given.magnitude / 20.0))
         others["dB where linear magnitudes are read"] = (decibels, phase)
     apart = {slip: _apart_rad(given.frequency_hz, *pair) for slip, pair in others.items()}
@@ -330,15 +330,23 @@ def _phase_doubt(given: FrequencyResponse) -> Iterator[str]:
 
 
 def _apart_rad(frequency_hz: FloatArray, least: FloatArray, phase: FloatArray) -> float:
-    """Return the rms by which a phase departs from that of least lag, of either sign and with any dead time."""
-    apart, ones = np.unwrap(phase) - least, np.ones(frequency_hz.size)
-    turn, slope = np.linalg.lstsq(np.column_stack([ones, frequency_hz]), apart, rcond=None)[0]
+    """Return the rms by which a phase departs from that of least lag, of either sign and with any dead time.
+
+    Phases are compared within a turn: between sparse points a wrapped one turns by more than half of that.
+    """
+    apart = np.exp(1j * (phase - least))
+    last, step = float(frequency_hz[-1]), float(np.min(np.diff(frequency_hz)))
+    delays = np.arange(0.0, min(1.0 / step, _MOST_DELAYS / last), _DELAY_STEP / last)
     best = np.inf
-    for half_turns in (np.floor(turn / np.pi), np.ceil(turn / np.pi), np.round(float(np.mean(apart)) / np.pi)):
-        rest = apart - half_turns * np.pi
-        slope = min(0.0, float(rest @ frequency_hz) / float(frequency_hz @ frequency_hz))
-        best = min(best, float(np.sqrt(np.mean((rest - slope * frequency_hz) ** 2))))
-    return best
+    for some in np.array_split(delays, 1 + delays.size // 500):
+        turned = apart * np.exp(2j * np.pi * some[:, None] * frequency_hz)
+        for sign in (1.0, -1.0):
+            best = min(best, float(np.min(np.mean(np.angle(sign * turned) ** 2, axis=1))))
+    return float(np.sqrt(best))
+
+
+_DELAY_STEP, _MOST_DELAYS = 0.02, 100.0
+"""Dead times that are tried, in periods of the last frequency: their distance (0.06 rad off at most), and the last."""
 
 
 def doubtful(display: Display) -> Iterator[Finding]:
