@@ -117,7 +117,7 @@ def test_operator__correction_and_refusal__say_what_was_changed_and_stay_to_be_r
     page.locator("#enrol summary").click()
     page.locator("#enrol-form [name=code]").fill("S1")
     page.locator("#enrol-form button").click()
-    page.locator("#banner", has_text="Refused: S1 is enrolled already").wait_for()
+    page.locator("#banner", has_text="Refused: S1 is already enrolled").wait_for()
     page.wait_for_timeout(1500)  # the page is sent anew every second
     assert page.locator("#banner").is_visible()
     assert page.locator("#enrol-form [name=code]").input_value() == "S1"  # nothing typed is lost

@@ -393,7 +393,7 @@ _QUESTIONS = {"detection": "Which interval carries the vibration?", "recognition
 
 
 def _write_session(data: Exported, trials: list[TableRow], place: Path, entities: str) -> None:
-    asks, columns = "Judgement of tones; the protocol's table [task] tells it", COLUMNS["bids-events"]
+    asks, columns = "Judgement of tones; as in the protocol's table [task]", COLUMNS["bids-events"]
     for task in _tasks(trials):
         asked = [row for row in trials if _task(row) == task]
         for number, run in enumerate(dict.fromkeys(row["run"] for row in asked), start=1):

@@ -2,7 +2,7 @@
 recorders in the room by Lab Streaming Layer (the extra `lsl`).
 
 Two streams carry the same events with the same time stamps: one names them, the other has their numbers. They are
-described as XDF, the format of LSL's recorders, expects. A trial is told when it is over, with the times of its onsets.
+described as XDF, the format of LSL's recorders, expects. A trial is sent when it is over, with the times of its onsets.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _UNWATCHED_PIECE_S = 0.5
 
 
 class Halted(Exception):
-    """Raised where somebody stopped the trial while it played; the rig is at rest."""
+    """Raised if the trial was stopped while it played; the rig is at rest."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PlayedInterval:
     """An interval as it was played.
 
     trace: what the sensor saw. onset_s, duration_s: by the rig's clock, from the trial's first sample. lamp_late_s: how
-    far the rig was past the onset when the watch was told of it.
+    far the rig was past the onset when the watch was notified.
     """
 
     trace: Trace
@@ -90,7 +90,7 @@ class PlayedInterval:
 class Presentation:
     """A trial as it was played.
 
-    rig_tick: tick of its first sample by the rig's clock, None where the rig tells none. lasted_s: time from the first
+    rig_tick: tick of its first sample by the rig's clock, None if the rig reports none. lasted_s: time from the first
     sample to the last.
     """
 
@@ -161,9 +161,9 @@ class Presenter:
     def _played(
         self, stretch: FloatArray, edges: Sequence[tuple[int, int, bool]], lates: list[float]
     ) -> Iterator[Trace]:
-        """Yield the trace in pieces, and tell the watch of each edge as the rig reaches it.
+        """Yield the trace in pieces, and notify the watch of each edge as the rig reaches it.
 
-        A rig that tells its time is ahead of its trace, which comes in blocks: its own count of rows is what counts.
+        A rig that reports its time is ahead of its trace, which comes in blocks, so its count of rows is used.
         """
         waiting, got, rig = list(edges), 0, self.rig
         self._notify_watch(waiting, got, lates)
@@ -183,7 +183,7 @@ class Presenter:
             self.watch(interval, begins)
 
     def _pieces(self, stretch: FloatArray, cuts: Sequence[int]) -> Iterator[FloatArray]:
-        """Yield the stretch in pieces, cut at every onset and end, where a rig whose time waits then stands exactly."""
+        """Yield the stretch in pieces, cut at every onset and end, where a rig whose time waits stops exactly."""
         # a bare simulation runs ahead of any watch: nobody is there to see a late visual cue
         piece_s = _UNWATCHED_PIECE_S if isinstance(self.rig, SimulatedRig) else _PIECE_S
         step = max(1, round(piece_s * self.rig.rate_hz))
@@ -262,7 +262,7 @@ class Outlet:
         return self._lsl.StreamOutlet(info)
 
     def wait_for_recorder(self) -> None:
-        """Wait until somebody listens to both streams: what is sent before is heard by nobody."""
+        """Wait until both streams have a listener; what is sent earlier is lost."""
         for stream in (self._events, self._numbers):
             while not stream.wait_for_consumers(1.0):
                 pass
@@ -278,7 +278,7 @@ class Outlet:
         return reported
 
     def played(self, run: int, played: PlayedTrial) -> None:
-        """Tell the onsets of a trial of that run, which was just played under `watching`."""
+        """Send the onsets of a trial of that run, just played under `watching`."""
         begun_s, tick = self._begun_s(played), played.rig_tick
         self._over_s = begun_s + played.lasted_s / self._speed
         for place, interval in enumerate(played.intervals):
@@ -291,7 +291,7 @@ class Outlet:
             self._push(f"onset/{interval.stimulus}", numbers, begun_s + onset_s / self._speed)
 
     def answered(self, run: int, played: PlayedTrial, response: str, ago_s: float) -> None:
-        """Tell the answer to a trial, which came so long ago."""
+        """Send the answer to a trial, given so long ago."""
         stamp_s = self._over_s if self._has_rigs_time else self._lsl.local_clock() - ago_s
         numbers = (run, played.trial.number, None, played.presentations, played.frequency_hz, None, None, None)
         self._push(f"answer/{response}", (*numbers, played.trial.judge(response)), stamp_s)

@@ -66,7 +66,7 @@ def read_words(path: Path, language: str) -> Words:
 
 
 def difference(texts: Mapping[str, str], source: Mapping[str, str]) -> str | None:
-    """Return in one line why `found` cannot stand in for `source`, or None where it can."""
+    """Return in one line why `found` cannot replace `source`, or None if it can."""
     missing, beyond = sorted(set(source) - set(texts)), sorted(set(texts) - set(source))
     if missing or beyond:
         return f"keys missing: {_few(missing)}; beyond: {_few(beyond)}; expected the same"

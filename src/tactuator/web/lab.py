@@ -31,7 +31,7 @@ class LabFault(Exception):
 
 
 class RigAtRest(LabFault):
-    """A failure that was not the store's: the rig is at rest, and plays nothing until somebody says so."""
+    """A failure that was not the store's: the rig is at rest, and plays nothing until the operator resumes."""
 
 
 class Lab:
@@ -40,7 +40,7 @@ class Lab:
     active: session at the rig. auto_start: True where a subject who comes to a free rig may begin without the operator.
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
     calls: what the operator should look after, by session. facts: demographic items, by the subject's row.
-    tabs: how the open page of each session is told that another took over; control: the operator's page that has it.
+    tabs: how the open page of each session learns that another took over; control: the operator's page that has it.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
@@ -117,7 +117,7 @@ class Lab:
     async def present(
         self, session: Session, watch: Watch, interrupted: Callable[[], bool] = lambda: False
     ) -> NextTrial:
-        """Play the trial that stands. Raises Halted where it was stopped: the session is not at the rig any more, or
+        """Play the pending trial. Raises Halted if it was stopped: the session is not at the rig any more, or
         interrupted(), which is asked before the first sample and after every piece, returns True.
 
         Nothing else that keeps a rig from playing is the subject's input: it is raised as a LabFault, and leaves the
@@ -218,7 +218,7 @@ class Lab:
         self.notify()
 
     def hold(self, session: Session) -> None:
-        """Hold a session that waits for the operator; where there is none, it begins again by itself."""
+        """Hold a session that waits for the operator; without one, it begins again by itself."""
         failed = session.failed_practice
         if failed is None:
             return
@@ -257,7 +257,7 @@ class Lab:
         return NOTES_MAX - self._notes[session]
 
     def notify(self) -> None:
-        """Tell those who wait that something changed."""
+        """Notify those who wait that something changed."""
         self.changed.set()
         self.changed = asyncio.Event()
 

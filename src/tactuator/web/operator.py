@@ -105,7 +105,7 @@ class OperatorPage:
                 raise BadInput(self.lab.words("operator.refused_field", **about)) from None
 
     def _free(self, message: Enrol | Correct) -> None:
-        """Refuse, in the page's language, a code or an id that is somebody's already."""
+        """Refuse, in the page's language, a code or an id that is already taken."""
         new, words = isinstance(message, Enrol), self.lab.words
         code = message.code if isinstance(message, Enrol) else message.subject
         others = [row for row in self.lab.sessions if new or row.subject_code != code]

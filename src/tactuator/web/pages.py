@@ -73,12 +73,12 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
 
 
 def static_file(name: str) -> Response | None:
-    """Return a style, script or picture by its bare name, or None where there is none."""
+    """Return a style, script or picture by its bare name, or None."""
     return None if name.endswith(".html") else file_response(_static(), name, HEADERS)
 
 
 def file_response(folder: Traversable, name: str, headers: Mapping[str, str]) -> Response | None:
-    """Return a file of a folder by its bare name, or None where there is none of a kind that pages have."""
+    """Return a file of a folder by its bare name, or None without one of a kind that pages have."""
     suffix = name[name.rfind(".") :]
     if suffix not in _TYPES or not holds_file(folder, name):
         return None

@@ -147,7 +147,7 @@ class Address:
 
     @property
     def warning(self) -> str:
-        """Return what whoever opens the server to others has to know; empty on the loopback address."""
+        """Return what a person who opens the server to others must know; empty on the loopback address."""
         if self.host in _LOOPBACK:
             return ""
         open_to = "anyone who can reach this machine can reach these pages"

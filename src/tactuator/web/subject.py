@@ -72,13 +72,13 @@ class SubjectTab:
         return int(self.row.id)
 
     async def leave(self) -> None:
-        """Tell the page that another tab took over, and close it."""
+        """Notify the page that another tab took over, and close it."""
         with suppress(WebSocketDisconnect, RuntimeError):  # it may have gone already
             await self._send(type="elsewhere")
             await self.socket.close(CLOSE_ELSEWHERE)
 
     async def serve(self) -> None:
-        """Serve the page until it closes; one that was open for the session is told and closed."""
+        """Serve the page until it closes; one that was open for the session is notified and closed."""
         lab, leave = self.lab, self.lab.tabs.get(self.id)
         lab.tabs[self.id] = self.leave
         lab.notify()
@@ -96,7 +96,7 @@ class SubjectTab:
 
     @asynccontextmanager
     async def _reporting(self, session: Session | None = None) -> AsyncIterator[None]:
-        """Tell the page of what is refused in the block, and of a fault. session: its trial is then asked again."""
+        """Send the page what is refused in the block, and a fault. session: its trial is then repeated."""
         try:
             yield
         except BadInput as error:
@@ -147,7 +147,7 @@ class SubjectTab:
                 await self._work(session.decline)
         else:
             if not await self._is_ready(session, announced):
-                return  # the operator gave up the run that was introduced: the page is told of the next
+                return  # the operator gave up the run that was introduced: the page gets the next
             if stage == "trial":
                 await self._run_trials(session)
             else:
@@ -162,7 +162,7 @@ class SubjectTab:
                 continue
             await self._send(type="playing")
             try:
-                stands = await self.lab.present(session, self._watch(session), lambda: self._interruptions > 0)
+                pending = await self.lab.present(session, self._watch(session), lambda: self._interruptions > 0)
             except Halted:
                 await self._stage(session)
                 self._next_interruption()
@@ -171,7 +171,7 @@ class SubjectTab:
                 await self._fault(fault)
                 return
             self.lab.notify()
-            await self._ask(stands)
+            await self._ask(pending)
             while session.pending is not None:
                 await self._next_message()
             await self._listen(session.task.rules.feedback_s)
@@ -281,8 +281,8 @@ class SubjectTab:
             )
             self.lab.notify()
 
-    async def _ask(self, stands: NextTrial) -> None:
-        await self._send(type="answer-now", run=stands.run, number=stands.trial.number)
+    async def _ask(self, pending: NextTrial) -> None:
+        await self._send(type="answer-now", run=pending.run, number=pending.trial.number)
 
     def _save(self, session: Session, message: AnswerMessage, answer: records.Answer) -> Acknowledged:
         waits = session.pending
@@ -290,7 +290,7 @@ class SubjectTab:
             return session.answer(answer)
         before = session.already(message.run, message.number)
         if before is None:
-            raise BadInput(f"answer to trial {message.number} of run {message.run}", "to the trial that stands")
+            raise BadInput(f"answer to trial {message.number} of run {message.run}", "the pending trial")
         return before
 
     async def _work(self, job: Callable[[], None]) -> None:
@@ -298,7 +298,7 @@ class SubjectTab:
             await self.lab.work(job)
 
     def _watch(self, session: Session) -> Watch:
-        """Return the callback that tells the page of intervals, where it shows them, and of their envelopes in a
+        """Return the callback that sends the page intervals, where it shows them, and their envelopes in a
         demonstration.
         """
         loop = asyncio.get_running_loop()

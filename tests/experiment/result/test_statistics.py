@@ -170,7 +170,7 @@ def test_information__perfect_or_missing_answers__is_log2_or_left_out():
     assert with_gap.estimates["plug_in"].bits == pytest.approx(float(plug_in_bits(np.array([[9, 1], [2, 8]]))))
     counts = uniform_error_matrices(120, 0.06, 20, 1, np.random.default_rng(0))[0]
     few = information(counts, np.random.default_rng(1))
-    assert few.no_interval == "no interval: 20 trials a stimulus; allowed: 60 or more with 120 stimuli"
+    assert few.no_interval == "no interval: 20 trials a stimulus; at least 60 are needed with 120 stimuli"
     assert all(one.low_bits is None and one.high_bits is None for one in few.estimates.values())
 
 

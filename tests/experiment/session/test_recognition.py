@@ -48,8 +48,8 @@ def test_session__stages__are_those_of_its_blocks_and_break_rules(opened, rules,
                 presented.present(nobody)
         steps.get(session.stage, lambda: answer(presented))()
     assert seen == ["consent", *stages]
-    assert introduced[0] == "Block 1 of 2: training, 3 trials.\nAfter each answer you are told which was right."
-    assert introduced[1].startswith("Block 2 of 2: test, 3 trials.\nYou are not told")
+    assert introduced[0] == "Block 1 of 2: training, 3 trials.\nAfter each answer you see which was right."
+    assert introduced[1].startswith("Block 2 of 2: test, 3 trials.\nYou do not see")
     assert (session.upcoming, session.progress) == (None, 1.0)
 
 

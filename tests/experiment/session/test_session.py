@@ -368,12 +368,12 @@ def test_study__subject_added_to_the_file__leaves_the_others_as_they_are(store, 
 def test_study__amended_with_a_reason__sessions_that_began_keep_their_version(store, clock):
     presented = begin(store, clock, trials=4)
     before = all_of(store, "S1")
-    with pytest.raises(BadInput, match=r"stands at version 1 of its protocol, .*--amend"):
+    with pytest.raises(BadInput, match=r"is at version 1 of its protocol, .*--amend"):
         opened_study(store, clock, OTHER)
     study = opened_study(store, clock, OTHER, amend="60 Hz is mains")
     rows = rows_of(store, select(schema.protocol_version).order_by(schema.protocol_version.c.number))
     assert [(row.number, row.reason, row.toml) for row in rows] == [(1, "", PROTOCOL), (2, "60 Hz is mains", OTHER)]
-    with pytest.raises(BadInput, match="version 1 of study 'short', which stands at 2"):
+    with pytest.raises(BadInput, match="version 1 of study 'short', which is at 2"):
         opened_study(store, clock)
     assert all_of(store, "S1") == before
     frequencies = {key: {hertz for _, hertz in runs} for key, runs in orders(study).items()}

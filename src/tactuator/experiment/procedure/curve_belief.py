@@ -1,4 +1,4 @@
-"""Belief about threshold curves between trials, and the choice of the next trial that tells most.
+"""Belief about threshold curves between trials, and the choice of the most informative next trial.
 
 The belief is a mixture. Each component is one kind of curve, one psychometric slope and one lapse rate, with a Gaussian
 over the curve's points. A response changes a component by moment matching (assumed-density filtering; Minka 2001): the
@@ -36,7 +36,7 @@ from tactuator.experiment.procedure.procedure import Answering
 OFFSETS_DB = (-12.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 20.0)
 """Levels that are tried, relative to the present estimate at each frequency.
 
-The outermost tell a person of frequent lapses, who misses loud ones too, from one of a higher threshold.
+The outermost separate a person with frequent lapses, who also misses loud ones, from one with a higher threshold.
 """
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
@@ -50,7 +50,7 @@ _CHOOSING_POWER = 0.5
 _READING_POWER = 0.75
 """Power of the weights where the curve and its band are computed.
 
-With 1, the band of a person with a notch held 0.94 of the curve; with 0.5, somebody 30 dB above the display's curve
+With 1, the band of a person with a notch held 0.94 of the curve; with 0.5, a person 30 dB above the display's curve
 came out 1.5 dB too good; with 0.75 it is 0.96 and 0.6 dB (25 runs of 150 trials each).
 """
 _LEAST_DENSITY = 0.5
@@ -182,7 +182,7 @@ class CurveBelief:
         return mixed(share / share.sum(axis=1, keepdims=True), level, np.sqrt(np.maximum(variance, 1e-12)))
 
     def choose(self, floor_db_sl: float, ceiling_db_sl: float) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return point (index) and level (to half a dB) of the most telling trial of every run, (runs,) each.
+        """Return point (index) and level (to half a dB) of the most informative trial of every run, (runs,) each.
 
         Points that have fewer trials than their least density come first.
         """
@@ -201,7 +201,7 @@ class CurveBelief:
         """Return the components that choose a trial and their shares, (runs, chosen) each.
 
         Every lapse rate chooses with the weight of all its components. The heaviest of all alone would agree on a low
-        rate, and would then never play what tells frequent lapses from a higher threshold.
+        rate, and would then never play what separates frequent lapses from a higher threshold.
         """
         tempered, rates = self._tempered(_CHOOSING_POWER), self.answering.lapses
         each = min(max(1, _CHOOSING_COMPONENTS // len(rates)), tempered.shape[1])

@@ -126,7 +126,7 @@ class CurveKind:
 
 
 _NOTCH_DECADES = (0.05, 0.09, 0.16, 0.3)
-"""Widths of notches: each is nearer to the next than the trials of a run can tell."""
+"""Widths of notches: neighbours are closer than the trials of a run can resolve."""
 _LOST_SHARES = (0.4, 0.7, 1.0)
 """Sizes of a lost channel, as shares of the largest."""
 

@@ -95,7 +95,7 @@ class Procedure:
 
     @property
     def point(self) -> float:
-        """Share correct, lapses included, at the level that the estimate stands for."""
+        """Share correct, lapses included, at the level of the estimate."""
         return TARGET_3_DOWN_1_UP
 
     @property
@@ -114,7 +114,7 @@ class Procedure:
         return float(getattr(self, "floor_db_sl", getattr(self, "low_db_sl", LOWEST_DB_SL)))
 
     def faults(self, guess: float) -> Iterator[BadInput]:
-        """Yield every reason why no run can come to a threshold, whoever answers. guess: as `begin` takes it."""
+        """Yield every reason why no run can reach a threshold, whatever the answers. guess: as `begin` takes it."""
         lowest, highest = 100.0 * guess, 100.0 * (1.0 - USUAL_LAPSE)
         if not lowest < 100.0 * self.point - _POINT_DIGITS < highest:
             allowed = f"above {lowest:.3g} %, which guesses reach, and below {highest:.3g} %, as people lapse"
@@ -143,7 +143,7 @@ class Procedure:
         return replace(self, start_db_sl=threshold_db_sl + START_ABOVE_DB)  # type: ignore[call-arg]
 
     def below(self, ceiling_db_sl: float) -> Procedure:
-        """Return the procedure with no level above the ceiling, where it has one of its own."""
+        """Return the procedure with no level above the ceiling, if it has levels."""
         return self
 
     def places(self, playable: Playable) -> FloatArray:

@@ -1,4 +1,5 @@
-"""QUEST+ (Watson 2017): each trial is put where its outcome is expected to tell most, over a grid of parameters.
+"""QUEST+ (Watson 2017): each trial is placed where its outcome is expected to be most informative, over a grid of
+parameters.
 
 With aim `parameters`, which is Watson's, the level has the greatest expected fall of entropy over threshold, slope and
 lapse together. That is the mutual information I(s) = h(mean psi) - mean h(psi), with h the entropy of a yes-or-no

@@ -3,7 +3,7 @@
 psi is a Weibull in amplitude (perception.psychometric). The prior is flat in the threshold and log-normal in the slope.
 In the lapse rate it falls exponentially, except for one person in ten, whose lapse rate may be anything.
 
-A run tells little of the slope, and people's slopes differ more than the prior says. So the interval takes all slopes
+A run says little about the slope, and people's slopes differ more than the prior says. So the interval takes all slopes
 for equally likely: it is of the thresholds that explain the answers at least 1 / _LEAST_LIKELY times as well as the
 best one, slope and lapse rate integrated out (decision 0017).
 """

@@ -7,9 +7,9 @@ trial. The score divided by the root of that is standard normal where nothing mo
 
 A run of few trials of a curve may pass over a narrow notch: a trial at the threshold is answered rightly by luck once
 in three times even where the threshold is far higher. So the answers at and beside each frequency are held against a
-notch of UNSEEN_NOTCH_DB below the curve as told, as narrow as the distance of the points lets one be seen. It is
+notch of UNSEEN_NOTCH_DB below the reported curve, as narrow as the distance of the points lets one be seen. It is
 excluded where the answers are EXCLUDED_ODDS times likelier without it. The number of trials follows from what one trial
-tells on average, at the level that parts the two best: the Kullback-Leibler divergence of its outcomes.
+gives on average, at the level that separates the two best: the Kullback-Leibler divergence of its outcomes.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def _with_notch(belief: CurveBelief, curve: FloatArray, share: FloatArray, away:
 
 
 def _told_by_a_trial(belief: CurveBelief, share: FloatArray) -> FloatArray:
-    """Return the most that one trial tells against the notch on average, (runs,)."""
+    """Return the greatest average evidence of one trial against the notch, (runs,)."""
     slope, lapse = (np.array(column)[:, None] for column in belief.answering.pairs)
     without, with_notch = (
         share @ belief.answering.psi(_TRIED_DB - depth_db, slope, lapse) for depth_db in (0.0, UNSEEN_NOTCH_DB)

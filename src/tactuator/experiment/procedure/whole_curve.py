@@ -38,7 +38,7 @@ from tactuator.parameters import Whole, table
 from tactuator.perception.curve import Level
 
 _PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
-"""Frequencies of the drawn curve, and trials from which guessing is told."""
+"""Frequencies of the drawn curve, and trials from which guessing is reported."""
 
 
 @table("[procedure]")
@@ -104,7 +104,7 @@ class CurveRuns(Runs):
 
     @property
     def frequency_hz(self) -> FloatArray:  # type: ignore[override]
-        """The most telling frequency of every run, (count,)."""
+        """The most informative frequency of every run, (count,)."""
         return np.asarray(self.belief.prior.frequency_hz[self._choice()[0]])
 
     def learn(self, correct: NDArray[np.bool_]) -> None:

@@ -44,7 +44,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         if len(set(self.frequencies_hz)) != len(self.frequencies_hz) or len(set(self.fingers)) != len(self.fingers):
-            raise BadInput("a frequency or finger stands twice", "each once")
+            raise BadInput("a frequency or finger occurs twice", "each once")
 
 
 @table("[session]")
@@ -61,7 +61,7 @@ class SessionRules(RunRules):
     ] = None
     practice_limit: Annotated[Whole, Field(ge=1, le=1000, description="most trials of practice")] = 40
     practice_level_db_sl: Annotated[Level, Field(description="of practice")] = 30.0
-    feedback: Annotated[Flag, Field(description="the right response is told after each answer")] = True
+    feedback: Annotated[Flag, Field(description="the right response is shown after each answer")] = True
 
     def __post_init__(self) -> None:
         correct, window, limit = self.practice_correct, self.practice_trials, self.practice_limit
@@ -156,7 +156,7 @@ class Protocol(StudyProtocol):
 
     def require_observers(self) -> None:
         if self.paradigm.yes_no:
-            got = "1: simulated observers tell intervals apart"
+            got = "1: simulated observers need several intervals"
             raise BadInput(got, "two intervals or more", key="paradigm.intervals")
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
@@ -165,13 +165,13 @@ class Protocol(StudyProtocol):
         return tuple(self._run(*cell, words) for cell in cells) * self.conditions.repeats
 
     def practice(self, parts: Sequence[PlannedRun], order: Sequence[int], words: Words) -> Sequence[PlannedRun]:
-        rules, told = self.session, ""
+        rules, practice = self.session, ""
         if not rules.practice_trials:
             return ()
         if rules.practice_correct is not None:
-            told = words("run.practice_text", correct=rules.practice_correct, window=rules.practice_trials)
+            practice = words("run.practice_text", correct=rules.practice_correct, window=rules.practice_trials)
         first = self._run(parts[0].finger, parts[0].frequency_hz or _PRACTICE_HZ, words)
-        return (first.practised(rules.practice_trials, told, words),)
+        return (first.practised(rules.practice_trials, practice, words),)
 
     def order(self, count: int, subject: int, visit: int) -> Sequence[int]:
         """Return the order of [conditions], in which no condition comes again before all have come."""

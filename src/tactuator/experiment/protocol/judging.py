@@ -21,7 +21,7 @@ class JudgingRules(RunRules):
     """Keys of [session]: practice before the first run, breaks, and the longest interruption of a run."""
 
     practice_trials: Annotated[Whole, Field(ge=0, le=100, description="trials of practice")] = 5
-    feedback: Annotated[Flag, Field(description="of discrimination: the right response is told")] = False
+    feedback: Annotated[Flag, Field(description="of discrimination: the right response is shown")] = False
 
 
 @table("protocol")

@@ -46,7 +46,7 @@ class BlockPart:
 
     kind: Annotated[Literal["training", "test"], Field(description="what the block is for")]
     repetitions: Annotated[Whole, Field(ge=1, le=1000, description="of every item (abx: of every pair)")]
-    feedback: Annotated[Flag, Field(description="the right answer is told")] = False
+    feedback: Annotated[Flag, Field(description="the right answer is shown")] = False
     criterion: Annotated[
         Annotated[Number, Field(gt=0.0, le=1.0)] | None, Field(description="share right that training has to reach")
     ] = None

@@ -33,7 +33,7 @@ _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 @table("[study]")
 class StudyPart:
-    """Keys of [study]: who asks, and what subjects are told."""
+    """Keys of [study]: the experimenter, and the texts for subjects."""
 
     name: Annotated[_Name, Field(description="name by which the study is known in its store")]
     seed: Annotated[Whole, Field(ge=0, le=_SEED_MAX, description="of every order and trial")]
@@ -248,7 +248,7 @@ class StudyProtocol:
 
 
 def each_once(what: str, values: Sequence[str]) -> None:
-    """Raise BadInput where one of the values stands twice."""
+    """Raise BadInput if a value occurs twice."""
     if len(set(values)) != len(values):
         raise BadInput(f"{what} {', '.join(values)}", "each once")
 
@@ -261,9 +261,9 @@ ALL_FINGERS = "all"
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run as its row in the store has it, and as people are told of it.
+    """A run as in its row of the store, and as people see it.
 
-    frequency_hz: None where the procedure chooses, or there is none. feedback: True where the right response is told
+    frequency_hz: None where the procedure chooses, or without one. feedback: True if the right response is shown
     after each answer. title: name for the operator. typical_trials: about how many it has. trials: their number, where
     that is known before. practice: True for a run that is not analysed. introduction: text that the subject reads
     before the run begins; an empty one lets it begin at once. part: the plan of its task that it is of. position:

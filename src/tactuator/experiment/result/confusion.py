@@ -161,7 +161,7 @@ def recognition_results(
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
     """Return the results of every recognition study in the store (or the one of that name), test blocks only.
 
-    Raises BadInput where there is none with answers.
+    Raises BadInput without answers.
     """
     results, abx = list[SubjectResult](), list[AbxResult]()
     with store.read() as connection:

@@ -1,7 +1,8 @@
 """Information transfer: how much of what was presented is known from what was answered.
 
-IT = sum over i, j of (n_ij / n) log2(n_ij n / (n_i n_j)), in bits a stimulus; 2^IT categories are reliably told apart.
-Counted from few trials it comes out too high, and every correction fails somewhere, so several are given side by side.
+IT = sum over i, j of (n_ij / n) log2(n_ij n / (n_i n_j)), in bits a stimulus; 2^IT categories are reliably
+distinguished. Counted from few trials it comes out too high, and every correction fails somewhere, so several are given
+side by side.
 
 The interval is taken from a posterior. A row of the matrix is a share of errors e_i and a spread of them over the wrong
 responses. Both are learnt from all rows together. e_i is beta, with its two parameters on a grid. In the spread, the
@@ -210,7 +211,7 @@ class InformationEstimate:
 
     @property
     def categories(self) -> float:
-        """Return the number of items that are told apart without error: 2^bits."""
+        """Return the number of items that are distinguished without error: 2^bits."""
         return float(2.0**self.bits)
 
 

@@ -1,9 +1,10 @@
 """What was played in a stored run, and what of it a reader must know: hum, catch trials, the level delivered.
 
 The delivered level is that at the sensor relative to the commanded one. Friction makes a display's gain depend on the
-level: stimuli near threshold tell it, and louder ones, which a sensor sees far better, as long as they agree with those
-that are nearer (the rule of Lepski 1990, "On a problem of adaptive estimation in Gaussian white noise", Theory of
-Probability and its Applications 35). Below FRICTION_HZ, where friction is strongest, loud ones never do.
+level: it is estimated from stimuli near threshold, and from louder ones, which a sensor sees far better, as long as
+they agree with those that are nearer (the rule of Lepski 1990, "On a problem of adaptive estimation in Gaussian white
+noise", Theory of Probability and its Applications 35). Below FRICTION_HZ, where friction is strongest, loud ones never
+do.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ def inattentive(missed: int, loud: int) -> bool:
 def attention(run: StoredRun) -> tuple[str, ...]:
     """Return the flags of the catch trials.
 
-    `attention` stands for too many errors in loud trials, or, of one interval, in blank ones; `cue` for too many right
+    `attention` means too many errors in loud trials, or, of one interval, in blank ones; `cue` for too many right
     answers where nothing was played.
     """
     kinds = catch_kinds(run)

@@ -119,7 +119,7 @@ CIRCUMSTANCES = (
     "masking_sound",
     "masking_level_db_spl",
 )
-"""Columns of a session that stand in the file of a curve."""
+"""Columns of a session that a curve's file has."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def group_curve(
 
 
 FLAGGED = "flagged"
-"""Stands for all doubtful thresholds where people are left out."""
+"""Name for all doubtful thresholds, to leave them out."""
 
 
 def _parted(
@@ -228,7 +228,7 @@ def _mean(measured: Sequence[MeasuredThreshold]) -> GroupLevel:
 
 
 def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, Sequence[object]]:
-    """Return the columns that tell how a group's curve was measured, one cell for each of its points.
+    """Return the columns that say how a group's curve was measured, one cell for each of its points.
 
     A circumstance that differed between the sessions has its values joined by `;`; an unknown one is empty.
     """
@@ -281,7 +281,7 @@ class StoreResults:
     """Thresholds of a store's finished runs, and the curve across its subjects.
 
     runs: what the thresholds were taken from. reference: the curve that 0 dB SL stood for. group: the curve across
-    subjects, with who is behind it and what was left out. no_curve: why there is none, where group is None. beside:
+    subjects, with who is behind it and what was left out. no_curve: the reason, if group is None. beside:
     where there are doubtful thresholds, the same curve without them, or with them where they were left out (None: there
     is none); beside_is says which. not_refitted: runs that have no threshold, each with the reason.
     """
@@ -309,11 +309,11 @@ class StoreResults:
 
     @property
     def circumstances(self) -> dict[str, Sequence[object]]:
-        """Return the columns of the curve's file that tell how it was measured; empty where there is no curve."""
+        """Return the columns of the curve's file that say how it was measured; empty without a curve."""
         return {} if self.group is None else circumstances(self.group, self.runs)
 
     def document(self) -> dict[str, Any]:
-        """Return the results as JSON has them: thresholds, points of the curve (None: there is none), left_out."""
+        """Return the results as JSON has them: thresholds, points of the curve (or None), left_out."""
         left_out = () if self.group is None else self.group.left_out
         doubtful = [each for each in self.thresholds if is_doubtful(each)]
         return {
@@ -349,13 +349,13 @@ def store_results(
     """Return the results of a store's finished runs, of one group of subjects or of all.
 
     reference: name or file of the curve that 0 dB SL stood for, None: that of the runs. leave_out: as group_curve
-    takes it. Raises BadInput where there are no such runs, or runs that stand on several curves and no reference.
+    takes it. Raises BadInput where there are no such runs, or runs on several curves without a reference.
     """
     with closing(Store(store_path, must_exist=True)) as store:
         runs = tuple(detection_runs(store, group=group))
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
-        raise BadInput(f"runs stand on the curves {', '.join(names)}", "--reference to name the one to extend by")
+        raise BadInput(f"runs refer to the curves {', '.join(names)}", "--reference to name the one to extend by")
     of_runs = fitted(runs).require()
     original, measured = resolve_curve(reference or names[0]), of_runs.thresholds
     band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
@@ -371,7 +371,7 @@ def _across(
     measured: Sequence[MeasuredThreshold], reference: ThresholdCurve, band_hz: tuple[float, float],
     leave_out: Sequence[str],
 ) -> tuple[GroupCurve | None, BadInput | None]:  # fmt: skip
-    """Return the curve across subjects, or why there is none. Raises BadInput for people who are not there."""
+    """Return the curve across subjects, or the reason why not. Raises BadInput for unknown subjects."""
     _parted(measured, leave_out)
     try:
         return group_curve(measured, reference, band_hz, leave_out), None

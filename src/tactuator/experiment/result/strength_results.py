@@ -30,7 +30,7 @@ _SAME_HZ = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PersonContours:
-    """Contours of one person, and what else the matches tell."""
+    """Contours of one person, and the other results of the matches."""
 
     subject: str
     estimate: StrengthEstimate
@@ -62,10 +62,10 @@ class ContourResults:
 
 
 def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve | None = None) -> ContourResults:
-    """Return what the matches of a store tell. curve: whose dB SL the contours are in, None: that of the display.
+    """Return the results of the matches of a store. curve: whose dB SL the contours are in, None: that of the display.
 
     Contours are of the standard's own finger. Raises BadInput where there are no finished matching runs, or runs with
-    several references; with a curve, where the matches do not tell that of the display.
+    several references; with a curve, if the matches do not name the display's.
     """
     with closing(Store(path, must_exist=True)) as store:
         keys, contact = _keys(store), _contact(store)
@@ -148,7 +148,7 @@ def _above(curve: ThresholdCurve, matches: Matches, setting: ContourSetting) -> 
     """Return matches in dB SL of another curve than the display's, at the same displacements."""
     display = setting.curve
     if display is None:
-        got = "matches that do not tell the display's curve"
+        got = "matches that do not name the display's curve"
         raise BadInput(got, f"three frequencies, on both sides of {setting.reference_hz:g} Hz")
 
     def moved(hertz: FloatArray | float) -> FloatArray:
@@ -210,7 +210,7 @@ def _mean(values: Sequence[Measured]) -> Measured:
 
 
 def person_document(person: PersonContours) -> dict[str, Any]:
-    """Return what the matches of a person tell, without the contours, in plain values."""
+    """Return the results of a person's matches, without the contours, in plain values."""
     result = person.estimate
     return {
         "subject": person.subject,

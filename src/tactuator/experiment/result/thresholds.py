@@ -24,22 +24,22 @@ from tactuator.experiment.store.stored_runs import StoredRun
 from tactuator.plain import brief
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
-"""Flags that make a threshold doubtful. The experimenter decides: a curve is told with and without such thresholds."""
+"""Flags that make a threshold doubtful. The experimenter decides: a curve is given with and without them."""
 
 _RUNS_AT_ONCE = 1024
 """Runs whose trials are played through anew before any of them is let go: a million trials would take up 100 MB."""
 _NEAR_DECADES, _NEAR_DB = 0.2, 12.0
 _NORMAL_95 = 1.959964
 _MAINS_HZ = (60.0, 50.0, 0.0)
-"""Mains frequencies that a whole curve may have kept clear of; the frequencies that were played tell which."""
+"""Mains frequencies that a whole curve may have kept clear of; the frequencies that were played show which."""
 _SAME_FREQUENCY = 1e-6
 
 
 @dataclass(frozen=True)
 class MeasuredThreshold:
-    """One threshold of one subject: what a field means stands in THRESHOLD_COLUMNS of the exports' dictionary.
+    """One threshold of one subject: THRESHOLD_COLUMNS of the exports' dictionary explains the fields.
 
-    None, NaN or an infinite end stands where the export's cell is empty. flags: floor, ceiling, trial-limit, chance,
+    None, NaN or an infinite end: the export's cell is empty. flags: floor, ceiling, trial-limit, chance,
     attention, cue, lapses, drift, mains, out-of-range, saturated, delivered-unknown. simulated: True where nobody felt
     the stimuli. study_number: that of the study in the store; a code is a person's in one study.
     """
@@ -154,7 +154,7 @@ def playable_in(run: StoredRun, mains_hz: float) -> Playable:
 
 
 def refit_prior(protocol: Protocol) -> RefitPrior:
-    """Return the prior of the refit of a protocol's runs, at the point that the procedure's own number stands for."""
+    """Return the prior of the refit of a protocol's runs, at the point to which the procedure's own number refers."""
     return RefitPrior(guess=protocol.paradigm.guess, target=round(protocol.procedure.point, 6))
 
 

@@ -124,7 +124,7 @@ class RecognitionTask(SessionTask):
     def question(self) -> Question:
         """Return the question of every trial: labels with the protocol's keys.
 
-        A, B and X are told apart as they play; other items are not.
+        A, B and X are named as they play; other items are not.
         """
         paradigm = self.protocol.recognition.paradigm
         if paradigm == "abx":

@@ -64,7 +64,7 @@ def run_session(
                 rest(session.break_left_s)
                 session.end_break()
             elif stage == "introduction":
-                session.introduce()  # `begin` tells it
+                session.introduce()  # `begin` reports it
             else:
                 run = _trial(session, respondent, run)
                 answered += 1

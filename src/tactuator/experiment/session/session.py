@@ -460,7 +460,7 @@ class Session:
         """Stop the run in progress, or practice that was not passed; its trials stay, marked."""
         planned = self.failed_practice if self._running is None else self._running.planned
         if planned is None:
-            raise BadInput("no run goes on", "stopping one that does")
+            raise BadInput("no run in progress")
         with self.store.begin() as connection:
             runs = records.latest_runs(connection, self.id)
             row = next(run.id for run in runs if run.position == planned.position)

@@ -101,7 +101,7 @@ class StudyRecords:
             records.add_session(self.connection, self.protocol, row, token, self.now, part.skin_temperature_c)
 
     def add_visit(self, subject: str) -> None:
-        """Add a further visit of the subject of that code. Raises BadInput where there is none."""
+        """Add a further visit of the subject of that code. Raises BadInput for an unknown subject."""
         rows = [row for row in records.sessions(self.connection, self.id) if row.subject_code == subject]
         if not rows:
             raise BadInput(f"subject {subject!r} is not in the study", "one that is enrolled")
@@ -142,7 +142,7 @@ class StudyRecords:
     def claim(self, row: Found, participant_id: str) -> bool:
         """Store the name that others have for the subject of that session, and return whether it is theirs now.
 
-        Every claim is an event. Who claims is told that much and no reason: it would say whose an id is.
+        Every claim is an event. The refusal gives no reason, which would reveal whose an id is.
         """
         reason = self._refused_claim(row, participant_id)
         kind = "claim-refused" if reason else "claimed"
@@ -175,11 +175,11 @@ class StudyRecords:
         if outside is not None and outside != row.participant_id:
             changes.append(Change("outside_id", row.participant_id, outside))
             records.change_subject(self.connection, row.subject_id, participant_id=outside)
-        stands = records.facts(self.connection, self.id).get(row.subject_id, {})
+        present = records.facts(self.connection, self.id).get(row.subject_id, {})
         for name, text in correction.facts.items():
             value, unit = self.protocol.fact(name, text)
-            if value != stands.get(name):
-                changes.append(Change(name, stands.get(name), value))
+            if value != present.get(name):
+                changes.append(Change(name, present.get(name), value))
                 records.set_fact(self.connection, row.subject_id, name, value, unit)
         return [(None, change) for change in changes]
 
@@ -213,7 +213,7 @@ def _text(value: float | None) -> str | None:
 def study_records(connection: Connection, name: str | None, tokens: Tokens, now: datetime, who: str) -> StudyRecords:
     """Return the records of the store's study of that name; without a name, of its only one.
 
-    Raises BadInput where there is none, or several and no name.
+    Raises BadInput without any, or with several and no name.
     """
     names = records.study_names(connection)
     if name is None and len(names) != 1:
@@ -290,7 +290,7 @@ def open_study(
     beside: Path | None = None,
     who: str = records.PROGRAM,
 ) -> Study:
-    """Return the study of that protocol, made if it is new; whoever is new in the protocol is enrolled.
+    """Return the study of that protocol, made if it is new; new subjects in the protocol are enrolled.
 
     A protocol of the same name with another text is another version of it. Where it only has more subjects it is
     accepted as that; otherwise amend gives the reason, and BadInput is raised without one. who: who amends. Subjects,
@@ -324,7 +324,7 @@ def _version(
     same = next((row for row in rows if row.toml == text), None)
     if same is not None and same is not rows[-1]:
         raise BadInput(
-            f"protocol is version {same.number} of study {name!r}, which stands at {rows[-1].number}",
+            f"protocol is version {same.number} of study {name!r}, which is at {rows[-1].number}",
             "the newest version, or one that was never there",
         )
     if same is not None:
@@ -333,7 +333,7 @@ def _version(
         before = parse_protocol(rows[-1].toml, StudyProtocol)
         if before.apart_from_subjects() != task.protocol.apart_from_subjects():
             raise BadInput(
-                f"study {name!r} stands at version {rows[-1].number} of its protocol, and this one says something else",
+                f"study {name!r} is at version {rows[-1].number} of its protocol, from which this one differs",
                 "that version, `experiment serve --amend` with the reason for another, or another name",
             )
         amend = "subjects"

@@ -163,7 +163,7 @@ class OfferedResponse:
 def _key_codes(keys: Sequence[str]) -> tuple[str, ...]:
     """Return the physical keys that are meant by digits: those of the upper row and of the number pad.
 
-    They stand there on every layout, though an unshifted AZERTY key types another character. Letters are where the
+    They are there on every layout, though an unshifted AZERTY key types another character. Letters are where the
     layout has them.
     """
     return tuple(f"{row}{key}" for key in keys if len(key) == 1 and key in "0123456789" for row in ("Digit", "Numpad"))
@@ -191,10 +191,10 @@ class Envelope:
 
 @dataclass(frozen=True)
 class Question:
-    """The question of every trial, which is the same in all of them, so that nothing of it tells the answer.
+    """The question of every trial, which is the same in all of them, so it cannot give the answer away.
 
     choices: none where a number is asked for.
-    intervals: names of those that are shown as they play; none where the subject is not to tell them apart.
+    intervals: names of those that are shown as they play; none if the subject must not distinguish them.
     """
 
     prompt: str

@@ -89,7 +89,7 @@ class CurveQualityAt:
 
 @dataclass(frozen=True)
 class CurveQuality:
-    """Quality of the curves at the frequencies that `thresholds` tells and exports.
+    """Quality of the curves at the frequencies that `thresholds` reports and exports.
 
     rms_error_db, bias_db: over observers and frequencies together. rms_error_median_db: median over observers.
     coverage95: share of these points inside the 95 % band. by_frequency: the same of each frequency. notch_excluded:

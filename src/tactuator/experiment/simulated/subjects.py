@@ -30,7 +30,7 @@ from tactuator.signals.decibels import db
 
 @dataclass(frozen=True)
 class Observer:
-    """A subject with a threshold curve of its own.
+    """A subject with a threshold curve.
 
     curve: level (dB re 1 um peak) at which psi reaches its target. Each interval is noticed independently with
     probability F (a high threshold), the strongest of those is picked, and guessed where none was noticed; with the

@@ -256,7 +256,7 @@ def end_run(connection: Connection, run: int, state: str, now: datetime) -> None
 
 @dataclass(frozen=True)
 class Change:
-    """A value that was replaced; item: its name, as the exports' columns have it. None: nothing stood, or stands."""
+    """A value that was replaced; item: its name, as the exports' columns have it. None: no value before, or now."""
 
     item: str
     before: str | None

@@ -94,7 +94,7 @@ def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
     except BaseException as error:
         for_nothing = for_nothing and not _holds(store, schema.study)
         if isinstance(error, KeyboardInterrupt) and not for_nothing:
-            error.add_note(f"{place}")  # the command line tells what was written until then
+            error.add_note(f"{place}")  # the command line says what was written until then
         raise
     finally:
         with suppress(StoreFault):
@@ -120,7 +120,7 @@ _PRIVATE = 0o600
 
 class _Told(logging.Filter):
     """Keeps out what the library logs, with a traceback, of a Ctrl-C on which it ends, and of connections to a server
-    that are no more: the program tells of that.
+    that are no more: the program reports that.
     """
 
     def filter(self, record: logging.LogRecord) -> bool:
@@ -179,7 +179,7 @@ class Store:
         if not self.path.parent.is_dir():
             raise BadInput(f"store {self.path}: its folder is not there", "a place in a folder that exists")
         if not self.path.exists():  # closing one that SQLite has open in this process would free its locks
-            with suppress(OSError):  # what keeps it from being made is told by SQLite
+            with suppress(OSError):  # SQLite reports why it cannot be made
                 os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, _PRIVATE))
         engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
         event.listen(engine, "connect", _prepare if durable else _prepare_throwaway)
@@ -217,7 +217,7 @@ class Store:
         )
 
     def backup(self, out: Path) -> None:
-        """Write a whole copy of the store, as it stands at one moment, whoever writes to it meanwhile.
+        """Write a whole copy of the store, as it is at one moment, even while others write to it.
 
         It replaces a file at its place when it is complete. Raises BadInput where the place cannot be written.
         """
@@ -301,7 +301,7 @@ def is_server(place: str | os.PathLike[str]) -> bool:
 _SERVER = ("postgresql://", "postgresql+pg8000://")
 _SERVER_TIMEOUT_S = 10.0
 _LOCK = 0x7461637475
-"""Number of the advisory lock that one writer at a time holds, so that subjects get numbers of their own."""
+"""Number of the advisory lock that one writer at a time holds, so that subjects get different numbers."""
 
 
 def _server(place: str) -> Engine:
@@ -319,7 +319,7 @@ def _server(place: str) -> Engine:
 
 
 def _connect_to_server(dialect: Any, _: Any, arguments: Any, options: Any) -> Any:
-    """Connect. The library looks up in its tables whatever answers: another program, or itself at a port of its own."""
+    """Connect. The library looks up in its tables whatever answers: another program, or itself at its own port."""
     try:
         return dialect.connect(*arguments, **options)
     except (LookupError, ValueError, struct.error):

@@ -93,7 +93,7 @@ _TONE, _LOUD, _SATURATED = 1, 2, 4
 class StoredIntervals:
     """Intervals of all trials of a run, as many of each; arrays (intervals,).
 
-    is_tone, is_loud: True where a stimulus of that label was. commanded_db_sl, measured_db_sl: NaN where there is none.
+    is_tone, is_loud: True where a stimulus of that label was. commanded_db_sl, measured_db_sl: NaN without one.
     saturated: True where a converter was.
     """
 

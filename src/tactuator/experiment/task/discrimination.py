@@ -1,6 +1,6 @@
 """Discrimination: the least difference of amplitude, frequency or time that is noticed, by any procedure.
 
-The difference stands on a scale of its own, of which the procedure places 20 log10: dB of level, percent of frequency,
+The difference has its own scale, of which the procedure places 20 log10: dB of level, percent of frequency,
 milliseconds of a gap or between two onsets. The procedure's levels, steps and limits are dB on that scale, and what it
 finds is the just-noticeable difference, at the share of right answers that it aims at.
 """

@@ -3,7 +3,7 @@ speak for.
 
 The noise of a comparison is held at each of several values in turn, and every function is fitted with each: result
 together with a contour of many degrees of freedom it comes out too small, and the biases and the band with it. What is
-told is over all of these fits, each with its share of the evidence.
+reported is over all of these fits, each with its share of the evidence.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class StrengthEstimate:
-    """What matches tell. fits: every function with every noise. shares: of the evidence, (fits,)."""
+    """The results of matches. fits: every function with every noise. shares: of the evidence, (fits,)."""
 
     setting: ContourSetting
     matches: int
@@ -116,7 +116,7 @@ class StrengthEstimate:
 def estimate(
     matches: Matches, setting: ContourSetting, functions: Sequence[IntensityFunction] | None = None
 ) -> StrengthEstimate:
-    """Return what matches tell under the functions, by default all. Raises BadInput for fewer than 20 matches."""
+    """Return the results of matches under the functions, by default all. Raises BadInput for fewer than 20 matches."""
     count = matches.frequency_hz.size
     if functions is None:
         functions = (

@@ -23,7 +23,7 @@ from tactuator.arrays import FloatArray
 from tactuator.perception.curve import ThresholdCurve
 
 _MIDDLE_DB_SL, _SPAN_DB = 30.0, 20.0
-"""Level at which a deviation stands, and the level difference by which its growth is told."""
+"""Level of a deviation, and the level difference that defines its growth."""
 _GRID_POINTS = 48
 _KEPT = 0.999
 """Share of a deviation's variance that its features keep."""

@@ -1,7 +1,7 @@
 """Magnitude estimation with a free modulus: any number for how strong a tone is, and the exponents that follow.
 
 Estimates of a person are divided by their geometric mean, so that everybody's own scale falls out; geometric means over
-repeats and people then stand for each tone, and the exponent at a frequency is the slope of their logarithm against
+repeats and people then represents each tone, and the exponent at a frequency is the slope of their logarithm against
 that of the amplitude (Stevens 1968).
 """
 

@@ -1,4 +1,4 @@
-"""What matches tell of equal strength under a function: Laplace's approximation of contour, biases, JND, and its
+"""Equal strength from matches under a function: Laplace's approximation of contour, biases, JND, and its
 evidence.
 
 In a match the comparison at frequency f has L_c dB SL, the reference L_r. With h(f, L_r) the level that is as strong,
@@ -64,7 +64,7 @@ class Matches:
 class ContourSetting:
     """Reference frequency of the contours and the band that they go over, Hz.
 
-    curve: that 0 dB SL stands for; None where nobody knows it.
+    curve: the reference of 0 dB SL; None if unknown.
     """
 
     reference_hz: float = 100.0
@@ -129,7 +129,7 @@ class Fit:
 
     def moments(self, frequency_hz: FloatArray, level_db_sl: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the levels, (n,) each: of a function with parameters over draws of them, since a
-        step of a contour moves along the frequency, which no gradient at one place tells.
+        step of a contour moves along the frequency, which no gradient at one place shows.
         """
         surface = self.surface(frequency_hz, level_db_sl)
         if not self.function.mean:
@@ -254,7 +254,8 @@ class Candidates:
 def most_telling(
     known: Fit, among: Candidates, reference_db_sl: float, offset: float, second: bool, swapped: bool
 ) -> Placed:
-    """Return the match whose answer is expected to tell most of the contours at all candidates, at that level.
+    """Return the match whose answer is expected to be most informative about the contours at all candidates, at that
+    level.
 
     offset: how far it is put from where it would feel equal, biases included, in standard deviations of a comparison:
     biases are then found at their own point, not by the noise. second, swapped: as in `Matches`. Expected is the

@@ -1,9 +1,10 @@
 """Matching of intensity: a standard and a comparison at another frequency or finger, and which was stronger.
 
-`contour`: one run in which every match is put where it tells most of all contours, as `curve` does for thresholds.
-`pairs`: for every frequency, finger and level, tracks that begin above and below equality and end at 70.7 and 29.3 %
-"comparison stronger", interleaved at random (Levitt 1971; Jesteadt 1980, Perception & Psychophysics 28:85). Either tone
-of a pair serves as standard equally often, and so does either order: both biases are then found beside the match.
+`contour`: one run in which every match is placed where it is most informative about all contours, as `curve` does for
+thresholds. `pairs`: for every frequency, finger and level, tracks that begin above and below equality and end at 70.7
+and 29.3 % "comparison stronger", interleaved at random (Levitt 1971; Jesteadt 1980, Perception & Psychophysics 28:85).
+Either tone of a pair serves as standard equally often, and so does either order: both biases are then found beside the
+match.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class Matching(Task):
     comparison_fingers: Annotated[tuple[str, ...], Field(description="fingers of comparisons; none: the same")] = ()
     method: Annotated[
         Literal["contour", "pairs"],
-        Field(description="every match put where it tells most of all contours, or pairs of up-down tracks"),
+        Field(description="each match where it is most informative about all contours, or pairs of up-down tracks"),
     ] = "contour"
     comparisons_hz: Annotated[tuple[Positive, ...], Field(description="of `pairs`: frequencies of comparisons")] = ()
     band_hz: Annotated[Band, Field(description="of `contour`: the band of comparisons")] = (10.0, 300.0)
@@ -172,7 +173,7 @@ class Matching(Task):
         return Matches.of([self.row(trial.tones, trial.correct) for trial in trials])
 
     def setting_of(self, trials: Sequence[Answered]) -> ContourSetting:
-        """Return the setting of matches on the standard's finger, with the display's curve if they tell it."""
+        """Return the setting of matches on the standard's finger, with the display's curve if they name it."""
         known = sorted(dict(trial.curve_point for trial in trials if trial.curve_point is not None).items())
         if len(known) < _CURVE_POINTS or not known[0][0] < self.frequency_hz < known[-1][0]:
             return self.setting
@@ -201,7 +202,7 @@ Row = tuple[float, float, float, bool, bool, bool]
 
 
 def evidence_table(result: StrengthEstimate, words: Words) -> ResultTable:
-    """Return what the matches of contours tell: function, biases and JND."""
+    """Return the results of the matches of contours: function, biases and JND."""
     rows = [(name, f"{100.0 * share:.0f} %") for name, share in result.evidence.items()]
     rows.append((words("results.jnd"), f"{result.jnd_db:.1f} dB"))
     rows.append((words("results.order_bias"), f"{result.order_db:+.1f} dB"))

@@ -174,7 +174,7 @@ class AnsweredRun:
 class TaskPrompt:
     """What a subject is asked. responses: each with its keys; none: a number is asked for.
 
-    intervals: names of those that are told apart as they play.
+    intervals: names of those that are shown as they play.
     """
 
     prompt: str
@@ -184,7 +184,7 @@ class TaskPrompt:
 
 @table("[task]")
 class Task:
-    """Keys of the table [task] for one kind of task, which a kind inherits from, with keys of its own."""
+    """Keys of the table [task] for one kind of task, which a kind inherits from and extends."""
 
     _: KW_ONLY
     kind: str = ""
@@ -202,7 +202,7 @@ class Task:
         raise NotImplementedError
 
     def faults(self) -> Iterator[BadInput]:
-        """Yield every reason why no run can come to a result, whoever answers."""
+        """Yield every reason why no run can reach a result, whatever the answers."""
         yield from ()
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskState:

@@ -5,7 +5,7 @@ const LARGEST_PX = [260, 200], FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 1
 const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second is for many responses
 
 class Choices {
-  // choices: {response, keys, codes}; intervals: names of those that are told apart; chosen: called with a response.
+  // choices: {response, keys, codes}; intervals: names of those that are shown; chosen: called with a response.
   constructor(box, lamps, choices, intervals, chosen) {
     this.box = box;
     this.choices = choices;
@@ -66,7 +66,7 @@ class Choices {
 
   light(interval) { this.intervals.forEach((lamp, index) => lamp.classList.toggle("lit", index === interval)); }
 
-  // Lights the lamp while a trial plays whose intervals are not told apart.
+  // Lights the visual cue while a trial plays whose intervals are not shown.
   playing(on) { if (this.intervals.length === 0) for (const lamp of this.lamps) lamp.classList.toggle("lit", on); }
 
   mark(response, name) { if (this.buttons.has(response)) this.buttons.get(response).classList.add(name); }

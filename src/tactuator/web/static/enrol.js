@@ -1,6 +1,6 @@
 "use strict";
 // Forms of the operator's page: a new subject with what the laboratory notes of everybody, the data of a session's day, and
-// corrections of what was noted. values: what stands there, by the item's name.
+// corrections of what was noted. values: the present values, by the item's name.
 // A browser's own field for numbers drops a comma that its language does not know, and 0,5 becomes 5: the server reads numbers.
 const DECIMAL = { type: "text", inputmode: "decimal", maxlength: 30 };
 function demographicFields(items, values = {}) {

@@ -1,14 +1,14 @@
 "use strict";
-// The operator's panel: a study, its sessions, and the run at the rig. The page of its own shows it, and so does the console.
+// The operator's panel: a study, its sessions, and the run at the rig. Its own page shows it, and so does the console.
 let shown = "", asks = "", dayOf = null, link = null;
 let accepted = () => {}; // what becomes of the form that was sent, once it is not refused
-const told = { text: "", until: 0 }; // a refusal stays for a while, though snapshots come every second
+const refused = { text: "", until: 0 }; // a refusal stays for a while, though snapshots come every second
 
 // Connects the panel that is in the page; token: the operator's; gone: called where the study is not open any more.
 // Returns a function that ends the connection.
 function openOperator(token, gone = () => banner(word("lost"))) {
   readTexts();
-  shown = asks = ""; dayOf = null; told.until = 0;
+  shown = asks = ""; dayOf = null; refused.until = 0;
   let over = false;
   link = new Link(
     "/ws/operator",
@@ -40,12 +40,12 @@ function openOperator(token, gone = () => banner(word("lost"))) {
 }
 
 function say(text) {
-  Object.assign(told, { text, until: text === "" ? 0 : performance.now() + 10000 });
+  Object.assign(refused, { text, until: text === "" ? 0 : performance.now() + 10000 });
   banner(text);
 }
 
 function command(type, session) {
-  told.until = 0;
+  refused.until = 0;
   link.send(session === undefined ? { type } : { type, session });
 }
 const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)}\u00a0%`);
@@ -119,9 +119,9 @@ function controls(snapshot) {
 
 // Renders again only where something changed, so that the focus stays where it was.
 function sessions(snapshot) {
-  const stands = JSON.stringify([snapshot.sessions, snapshot.active, snapshot.control]);
-  if (stands === shown || (dayOf !== null && el("sessions").querySelector("form") !== null && shown !== "")) return;
-  shown = stands;
+  const current = JSON.stringify([snapshot.sessions, snapshot.active, snapshot.control]);
+  if (current === shown || (dayOf !== null && el("sessions").querySelector("form") !== null && shown !== "")) return;
+  shown = current;
   const { start, results } = document.activeElement ? document.activeElement.dataset : {};
   el("sessions").replaceChildren(...snapshot.sessions.flatMap((session) => sessionRows(session, snapshot)));
   const again = start ? `[data-start="${start}"]` : results ? `[data-results="${results}"]` : null;
@@ -134,7 +134,7 @@ function show(snapshot) {
   el("rig").textContent = word("rig", { name: rig.name, display: rig.display, channels: rig.channels.join(", "), rate: rig.rate_hz });
   el("simulated").hidden = !rig.simulated;
   banner(snapshot.fault !== null ? word("fault", { fault: snapshot.fault })
-    : performance.now() < told.until ? told.text : snapshot.control ? "" : word("looking_on"));
+    : performance.now() < refused.until ? refused.text : snapshot.control ? "" : word("looking_on"));
   el("calls").hidden = snapshot.calls.length === 0;
   el("calls").replaceChildren(...snapshot.calls.map((call) => make("li", {}, word("called", { call }))));
   controls(snapshot);

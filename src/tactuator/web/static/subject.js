@@ -1,9 +1,9 @@
 "use strict";
 // The subject's page. It shows what the server's messages say, and keeps an answer until it is acknowledged.
-// going: the subject has begun; asked: and has told the server so; standing: the trial that waits for an answer;
+// going: the subject has begun; asked: the server knows it; pending: the trial that waits for an answer;
 // litAt: when each interval's lamp was lit; leaving: the subject is asked how to leave, or is to be once nothing plays.
 const page = {
-  about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, standing: null, unsaved: null,
+  about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, pending: null, unsaved: null,
   shownAt: 0, litAt: [], noise: null, choices: null, demonstration: null, restUntil: 0, over: false, leaving: false,
 };
 const finished = () => page.stage === "done" || page.stage === "ended";
@@ -32,7 +32,7 @@ const link = new Link(
   (code) => {
     if (page.over || code === 4001) return false;
     if (code === 4004) { page.over = true; if (!finished()) say(word("no_session")); return false; }
-    stand(null);
+    setPending(null);
     page.asked = false;
     banner(word("lost"));
     return true;
@@ -63,16 +63,16 @@ const handlers = {
       page.demonstration.stop();
       page.going = false;
       page.unsaved = null;
-      stand(null);
+      setPending(null);
     }
     else if (message.stage !== "trial") page.going = page.going && message.stage === "introduction" && page.asked;
-    else if (page.going && page.standing === null && !page.asked) goOn();
+    else if (page.going && page.pending === null && !page.asked) goOn();
     show();
   },
   playing() {
     page.waiting = false;
     page.litAt = [];
-    stand(null);
+    setPending(null);
     page.choices.clear();
     page.choices.playing(true);
     show();
@@ -86,7 +86,7 @@ const handlers = {
     page.waiting = false;
     document.body.dataset.trial = `${message.run}/${message.number}`;
     page.shownAt = performance.now();
-    stand({ run: message.run, number: message.number });
+    setPending({ run: message.run, number: message.number });
     show();
   },
   ack(message) {
@@ -97,19 +97,19 @@ const handlers = {
       say(correct ? word("right") : word("wrong", { right: message.right }));
     }
     page.unsaved = null;
-    stand(null);
+    setPending(null);
     progress(message);
     banner("");
   },
   fault(message) {
     banner(message.message);
     if (page.unsaved !== null) setTimeout(() => page.unsaved !== null && link.send(page.unsaved), 1500);
-    else { page.going = false; page.asked = false; stand(null); show(); } // the rig failed, and the subject says when to go on
+    else { page.going = false; page.asked = false; setPending(null); show(); } // the rig failed, and the subject says when to go on
   },
-  refused() { page.unsaved = null; page.asked = false; stand(null); },
+  refused() { page.unsaved = null; page.asked = false; setPending(null); },
   elsewhere() {
     page.over = true;
-    stand(null);
+    setPending(null);
     hideAll();
     el("go").hidden = false;
     el("go").textContent = word("continue_here");
@@ -131,8 +131,8 @@ function progress({ progress: share, left_s: left }) {
   el("left").textContent = page.stage === "ended" || share >= 1 ? "" : minutes > 1 ? word("minutes_left", { minutes }) : word("minute_left");
 }
 
-function stand(trial) {
-  page.standing = trial;
+function setPending(trial) {
+  page.pending = trial;
   if (page.choices === null) return;
   page.choices.open(trial !== null);
   page.choices.light(-1);
@@ -202,7 +202,7 @@ function trial() {
   el("stimulus").hidden = page.about.shown === "";
   if (!page.choices.hasFocus()) el("choices").focus(); // the next Tab leads to the responses
   el("lamps").hidden = el("lamps").childElementCount === 0;
-  if (page.standing !== null) say(page.about.prompt);
+  if (page.pending !== null) say(page.about.prompt);
   else if (page.waiting) say(word("wait"));
   else if (page.unsaved === null) say(word("feel"));
   page.choices.fit();
@@ -226,15 +226,15 @@ function pause() {
   const rests = ["paused", "stopped"].includes(page.stage) && !page.asked;
   if (page.over || rests || finished()) return;
   page.unsaved = null;
-  stand(null);
+  setPending(null);
   link.send({ type: "pause" });
 }
 
 function answer(response) {
-  if (page.standing === null || page.unsaved !== null) return;
+  if (page.pending === null || page.unsaved !== null) return;
   const pressed = performance.now(), lit = Array.from(page.litAt, (at) => at === undefined ? null : at);
-  page.unsaved = { type: "answer", ...page.standing, response, shown_ms: page.shownAt, pressed_ms: pressed, lit_ms: lit };
-  stand(null);
+  page.unsaved = { type: "answer", ...page.pending, response, shown_ms: page.shownAt, pressed_ms: pressed, lit_ms: lit };
+  setPending(null);
   page.choices.clear();
   page.choices.mark(response, "chosen");
   say(word("saving"));
