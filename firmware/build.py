@@ -33,7 +33,7 @@ _HOST_ALONE = ("core/display", "core/host")
 
 @dataclass(frozen=True)
 class Board:
-    """A board: what the compiler and the linker are told.
+    """A board: the settings of compiler and linker.
 
     rows: of the rings for stream and trace, a power of two. baud: rate of the link. folders: with the sources and the
     linker script of its program, besides core/ and what is in firmware/ for every board. flags: more for the compiler.
@@ -66,7 +66,7 @@ def read_boards(firmware: Path = FIRMWARE) -> dict[str, Board]:
 
 
 def find_board(name: str) -> Board:
-    """Return the board of that name. Raises BadInput if there is none."""
+    """Return the board of that name. Raises BadInput for an unknown name."""
     boards = read_boards()
     if name not in boards:
         raise BadInput(f"board {name!r} is not known", f"{', '.join(boards)}")

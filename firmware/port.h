@@ -1,4 +1,4 @@
-/* Port: all that a board has of its own. One folder implements it for each board; docs/porting.md tells how.
+/* Port: all that differs between boards. One folder implements it for each board; see docs/porting.md.
  *
  *     timer ----> tick in main.c ----> put_out, read_in                  (in the interrupt)
  *            `--> supervisor ---> outputs on or safe, watchdog           (in the interrupt)
@@ -52,7 +52,7 @@ void tact_port_outputs_on(void);
 /* The watchdog waits anew. Unfed for 20 ms at most it resets the processor; outputs are safe out of reset. */
 void tact_port_feed_watchdog(void);
 
-/* Whether the converters have done what they were told. */
+/* Whether the converters have done what was requested. */
 int tact_port_is_sound(void);
 
 #endif

@@ -13,7 +13,7 @@ void tact_guard_reset(tact_guard_state *state, uint32_t tick)
 
 void tact_guard_begin(tact_guard_state *state)
 {
-    state->lowest = INT32_MIN / 2; /* the next reading is beyond what stands still */
+    state->lowest = INT32_MIN / 2; /* the next reading is beyond any constant one */
     state->highest = INT32_MAX / 2;
 }
 
@@ -39,7 +39,7 @@ uint32_t tact_guard_name(const tact_safety_channel *safety, const tact_guard_sta
     return faults;
 }
 
-/* How far the motor would have come if the reading, which stands still, were a lie: the observer's place, less all that
+/* How far the motor would have come if the constant reading were a lie: the observer's place, less all that
  * the reading has corrected it by since then, but for what it was corrected by when that began. Gives 1 where that is
  * too far. */
 static int strays(const tact_safety_channel *safety, tact_guard_state *state, float ticks, float unexplained)

@@ -16,8 +16,8 @@
  * turn: the felt reference, at a rate of at least four times the band's end (faster, no motor reaches comfort); a
  * reading that stays the same for frozen_ticks (frozen; at zero: shorted); a reversed sensor on a loop that does not run
  * away, from the sign of the motion: mean of w dy against the mean of w^2, over some 30 ms; a reading that jumps, more
- * than any force makes it; and one that stands still, but for noise, while the command asks for motion (stuck). Under a
- * steady finger a reading stands still as well, and the loop's integrator holds the finger's force: so it is motion by
+ * than any force makes it; and one that is constant, but for noise, while the command asks for motion (stuck). Under a
+ * steady finger a reading is constant as well, and the loop's integrator holds the finger's force: so it is motion by
  * the command's change since then that counts.
  *
  * The compiler's own __builtin_fabsf is one instruction, and no call.
@@ -64,14 +64,14 @@ typedef struct {
     int32_t violated;        /* a limit is, and nobody has seen to it */
     int32_t last_code;       /* of the last tick */
     uint32_t changed_tick;   /* since when the reading is last_code */
-    int32_t lowest, highest; /* of the reading since it stands still */
+    int32_t lowest, highest; /* of the reading since it is constant */
     tact_section_state weighting[TACT_WEIGHTING_COUNT];
 } tact_guard_state;
 
 /* At rest at zero. tick: any count of ticks, here and below the same. */
 void tact_guard_reset(tact_guard_state *state, uint32_t tick);
 
-/* A run begins: what moved before says nothing of a sensor that stands still. */
+/* A run begins: what moved before says nothing of a constant reading. */
 void tact_guard_begin(tact_guard_state *state);
 
 /* 1 << fault for each fault that the last reading shows; when tact_guard_sense() found a limit violated. */

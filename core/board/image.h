@@ -62,7 +62,7 @@ typedef struct {
     tact_strength strength[TACT_CHANNELS_MAX];
 } tact_image;
 
-/* One channel's part, as it stands: TACT_IMAGE_GOOD, or that it cannot be run at all. What a board refuses besides
+/* One channel's part, as it is: TACT_IMAGE_GOOD, or that it cannot be run at all. What a board refuses besides
  * (coefficients and limits out of range, poles outside the unit circle) a simulation may run. */
 int32_t tact_image_read_channel(tact_reader *reader, uint8_t *name, tact_controller *controller, tact_strength *strength);
 

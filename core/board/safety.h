@@ -49,7 +49,7 @@ typedef struct {
     float disagreement_v;      /* |nu| beyond it: the sensor disagrees with the plant */
     float reversal_power;      /* mean square of w from turn to turn, above which motion is compared with the plant's */
     float drive, damp, spring, correct_x, correct_w;
-    int32_t still_codes;       /* a reading within so many codes stands still; it is stuck if the motor should have */
+    int32_t still_codes;       /* a reading within so many codes is constant; it is stuck if the motor should have */
     float stray_max_v;         /* moved by so much meanwhile, volts of y */
     float jump_v;              /* most that the reading's unexplained motion changes by, from one turn to the next but one, */
     float jump_share;          /* besides this share of the model's own change */

@@ -7,7 +7,7 @@
  * tact_audio_callback has the form that PortAudio asks for and is called in PortAudio's own thread: it waits for nobody.
  * A run begins at the first row that is put out, and from there on every row taken in is kept, so that row k of both is
  * the same instant of the card's clock. What breaks a run is latched and stays for the program to see: a stream that ran
- * dry (dry_at), rows taken in that found no room (lost_at), and gaps that the card tells of (gaps, gap_at). A run that
+ * dry (dry_at), rows taken in that found no room (lost_at), and gaps that the card reports (gaps, gap_at). A run that
  * ran dry puts out nothing more; what was put out last dies away by `decay` a row, as after the end of every run.
  *
  * One thread feeds and reads, one calls. Positions only grow, and each has one writer; they are released by their writer
@@ -45,8 +45,8 @@ typedef struct {
     uint64_t begun;                      /* the frame of the run's first row */
     uint64_t dry_at;                     /* row that was not there in time */
     uint64_t lost_at;                    /* row taken in that found no room */
-    uint64_t gap_at;                     /* row at which the card told of the first gap */
-    uint64_t gaps;                       /* callbacks in which it told of one */
+    uint64_t gap_at;                     /* row at which the card reported the first gap */
+    uint64_t gaps;                       /* callbacks in which it reported one */
 } tact_audio;
 
 /* Makes a stream without a run of `audio`, whose out, in, capacity, outputs, inputs and decay are set. 0: they cannot be. */
@@ -70,7 +70,7 @@ int tact_audio_forget(tact_audio *audio);
 /* Copies up to `count` rows that were taken in; returns how many there were. */
 uint64_t tact_audio_read(tact_audio *audio, float *rows, uint64_t count);
 
-/* Positions as the card last told them: rows put out, rows taken in, frames of its clock. */
+/* Positions as the card last reported them: rows put out, rows taken in, frames of its clock. */
 void tact_audio_look(const tact_audio *audio, uint64_t *played, uint64_t *taken, uint64_t *frames);
 
 /* PortAudio's callback; `user` is a tact_audio. Returns 0: go on. */

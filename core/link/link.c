@@ -129,7 +129,7 @@ static uint32_t take_rows(tact_link *link, tact_reader *in, uint32_t first, uint
     for (uint32_t k = 0; k < count; k += ROWS_AT_ONCE) {
         const uint32_t some = count - k < ROWS_AT_ONCE ? count - k : ROWS_AT_ONCE;
         if (k && first + k != end && first + k - end < 0x80000000u)
-            break; /* what came before was too late; what follows would leave a gap that nobody is told of */
+            break; /* what came before was too late; what follows would leave an unreported gap */
         for (uint32_t i = 0; i < some; i++) {
             for (uint32_t c = 0; c < width; c++)
                 rows[i * width + c] = tact_read_f32(in);

@@ -77,7 +77,7 @@ enum { TACT_UPLOAD_SIZE = 8192, TACT_BOARD_NAME_SIZE = 16 };
 
 typedef struct tact_link tact_link;
 
-/* What stands in the place of a board's converters. `take` NULL: the converters are real. */
+/* What replaces a board's converters. `take` NULL: the converters are real. */
 typedef struct {
     void *context;
     int (*take)(void *context, const uint8_t *bytes, size_t size, int32_t channels); /* an upload: 1 if it is taken */
@@ -90,7 +90,7 @@ typedef struct {
 struct tact_link {
     tact_board *board;
     tact_link_display display;
-    /* Keeps the timer's interrupt out, and restores what was before; NULL where there is none. */
+    /* Keeps the timer's interrupt out, and restores what was before; NULL without one. */
     uint32_t (*enter)(void);
     void (*leave)(uint32_t before);
     int32_t (*missing)(void); /* TACT_MISSING_... now; NULL where nothing can be */

@@ -15,7 +15,7 @@
  *
  * A pair: band += turn (r - low - damping band), then low += turn band: a band-pass and a low-pass of one corner.
  *
- * It stands where references come in, before they are limited to comfort and travel, and outside of the interrupt.
+ * It acts where references come in, before they are limited to comfort and travel, and outside of the interrupt.
  *
  * Example use:
  *   tact_strength_reset(&state);

@@ -14,7 +14,7 @@
  *
  * The weights are learnt (learning.h), from two sets of three poles each, which every sample passes: the finger's force is
  * the command less the position through the plant's inverse, summed before its poles; the position that the model had
- * when that command was given passes poles of its own, whose contents both pushes are sums of.
+ * when that command was given passes separate poles, whose contents both pushes are sums of.
  * u_ff beyond its design's bound sets everything here to zero.
  *
  * Example use, in each sample:

@@ -20,7 +20,7 @@ typedef struct {
     size_t capacity;
     size_t length;    /* of the frame so far */
     uint8_t left;      /* bytes to come before the next code byte */
-    uint8_t adds_zero; /* a zero stands between the block that ends and the next */
+    uint8_t adds_zero; /* a zero lies between the block that ends and the next */
     uint8_t spoilt;    /* too long: wait for the zero */
     uint8_t done;      /* the frame has been handed out: the next byte begins another */
 } tact_cobs;

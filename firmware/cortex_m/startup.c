@@ -60,7 +60,7 @@ __attribute__((used, noreturn)) static void begin_here(void)
     __builtin_unreachable();
 }
 
-/* A bootloader may have left a stack of its own, interrupts masked, or the process stack in use. */
+/* A bootloader may have left another stack, interrupts masked, or the process stack in use. */
 __attribute__((naked, used)) void tact_reset(void)
 {
     __asm volatile("cpsid i\n movs r0, #0\n msr control, r0\n isb\n"

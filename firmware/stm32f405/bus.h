@@ -40,7 +40,7 @@ void tact_bus_deselect(tact_pin pin);
 /* Looks at a pin until it is at `level`, so many times at most: 1 if it came. */
 int tact_bus_await(tact_pin pin, uint32_t level, uint32_t looks);
 
-/* size bytes there, and what comes back in their place: 1, or 0 if the bus stands still. */
+/* size bytes there, and what comes back in their place: 1, or 0 if the bus is stuck. */
 int tact_bus_exchange(uint8_t *bytes, uint32_t size);
 
 /* At least so long. */

@@ -25,7 +25,7 @@ void tact_port_begin(tact_board *board, tact_link *link)
     tact_bus_begin();
     missing = tact_chip_clock();
     if (missing == TACT_NO_CLOCK)
-        tact_halt(); /* outputs safe for good; nobody can be told */
+        tact_halt(); /* outputs safe for good; it cannot be reported */
     tact_supply_watch();
     tact_usart_begin();
     missing |= tact_chip_converters(board->channels_max);

@@ -1,6 +1,6 @@
 /* The independent watchdog, and the watch over the supply.
  *
- * The watchdog runs from an oscillator of its own, of 17 to 47 kHz: it resets the processor 6.5 to 17.9 ms after it was
+ * The watchdog runs from its own oscillator, of 17 to 47 kHz: it resets the processor 6.5 to 17.9 ms after it was
  * fed last. Out of reset no pin drives anything: resistors hold the amplifier off and the D/A's CLR low.
  *
  * Example use:

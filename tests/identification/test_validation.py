@@ -154,7 +154,7 @@ def test_read_record__that_is_amiss__is_refused_in_one_line(tmp_path, make, reas
         (replace(GOOD, command=np.ones(TIME.size), position=np.interp(TIME, TIME[::4], POSITION[::4])), "constant"),
         (replace(GOOD, position=np.clip(GOOD.position, -0.8 * SPREAD, 0.8 * SPREAD)), "of the position is clipped"),
         (replace(GOOD, command=np.sin(2.0 * np.pi * 20.0 * TIME)), "excites order"),
-        (replace(GOOD, position=TIME), "no model can be told from it"),
+        (replace(GOOD, position=TIME), "no model can be estimated from it"),
     ],
     ids=["constant command", "constant and filled up", "clipped sensor", "one sinusoid", "time for the position"],
 )

@@ -206,7 +206,7 @@ def test_channel__wires_or_force__want_their_table_or_mass_and_follow_newtons_la
     channel = without_gain().channels[0]
     assert channel.quantity == "acceleration"
     assert channel.sensor_gain_v_per_mm == pytest.approx(1e-5, rel=1e-12)
-    with pytest.raises(BadInput, match="'force', which alone does not tell how far a finger moves: mass_kg is missing"):
+    with pytest.raises(BadInput, match="'force', which alone does not show how far a finger moves: mass_kg is missing"):
         display_with(FULL, {"quantity": "force"})
 
 
@@ -294,7 +294,7 @@ def test_read_display__response__equalised_within_one_db_where_nobody_measured(f
     ("asked", "words"),
     [
         ({"structure": "integrator-lead-lag"}, 'no loop can be designed; expected structure = "none"'),
-        ({"more": 'loads = [{ name = "finger", damping = 1.0 }]'}, "cannot be told from a response by itself"),
+        ({"more": 'loads = [{ name = "finger", damping = 1.0 }]'}, "a response alone does not show what a load changes"),
         ({"plant": "jump.csv"}, r"channel.*plant .*jump.csv: .*4 or more"),
         ({"more": "valid_hz = [3.0, 2.0]"}, r"valid_hz is \[3, 2\]"),
         ({"plant": "model.json"}, "valid_hz is 7; it must be two frequencies"),

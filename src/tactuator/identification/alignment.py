@@ -1,8 +1,8 @@
-"""Do command and position run together from the record's beginning to its end? What does not is told, not mended.
+"""Are command and position aligned from the record's beginning to its end? Misalignment is reported, not repaired.
 
 Pieces of the record are compared with the pieces before them: the impulse response that each shows by itself comes
 later or earlier there where samples are lost in one column, and later by the same from piece to piece where the two
-columns have clocks of their own. Where a piece tells nothing of the others, as in a chirp, only the residual of a fit
+columns have different clocks. Where a piece says nothing about the others, as in a chirp, only the residual of a fit
 shows it.
 """
 
@@ -25,7 +25,7 @@ _ALIKE = 0.8
 _SEEN, _BEST = 0.25, 0.5
 """The same from which on a loss between them is looked for, and which the best of neighbouring ones must have."""
 _DEVIATIONS, _LEAST_PPM = 6.0, 1.0
-"""Deviations of a delay from which on it is none by chance; least difference of clocks that is told, ppm."""
+"""Deviations of a delay from which on it is none by chance; least difference of clocks that is reported, ppm."""
 _JUMP = 0.6
 """Least change of the delay, samples, that is taken for a lost one."""
 _FEW, _CLEARLY, _HARDLY = 8, 0.5, 0.9
@@ -88,7 +88,7 @@ def clocks_apart_ppm(half: int, later: FloatArray, alike: FloatArray) -> float:
 
 _FLAT, _AROUND, _OF_LEAST, _OF_USUAL = 1e-3, 21, 200.0, 0.03
 """Size of a step over the greatest of so many around it, below which it is none; that one over the least step there is,
-and over their rms, from which on this can be told."""
+and over their rms, from which on this is visible."""
 _SEEN_FLAT, _AT_READ = 0.05, 0.99
 """Share of steps that are none, where samples were filled up; power of the steps at the others."""
 
@@ -250,5 +250,7 @@ def require_aligned(record: Record) -> None:
 
 
 def clock_skew_ppm(record: Record) -> float:
-    """Return by how many millionths the clocks of the columns are apart, 0 where pieces of the record do not tell."""
+    """Return by how many millionths the clocks of the columns are apart, 0 where pieces of the record do not show
+    it.
+    """
     return abs(clocks_apart_ppm(*pieces_delays(record.command, record.position)))

@@ -92,7 +92,7 @@ def identify_response(
             whole = _identify_response(_with_own_noise(given, fits), options, note)
         if not astray.any():
             return _narrowed(whole, given)
-        note("leaving out points that stand off all others")
+        note("leaving out points that are off all others")
         kept = _at(given, ~astray)
         without = _identify_response(_with_own_noise(kept, _beginning(kept, options, note)), options, note)
         without = _reaching(_narrowed(without, kept), given, kept, "far off what all others follow, left out")
@@ -100,7 +100,7 @@ def identify_response(
             return without
         whole = _narrowed(replace(whole, model=whole.model.holding(without.model)), given)
         return _reaching(
-            whole, given, kept, "bad readings or poles (more points near them will tell), the band holds both"
+            whole, given, kept, "bad readings or poles (measure more points near them); the band covers both"
         )
 
 
@@ -141,13 +141,13 @@ def _data(given: FrequencyResponse) -> Data:
 
 
 def _known(given: FrequencyResponse, options: IdentifyOptions) -> Known:
-    """Return what is known beforehand; where magnitudes alone have to tell, without a form asked for."""
+    """Return what is known beforehand; for magnitudes alone, without a requested form."""
     known = options.known(1.0)
     return known if given.phase_rad is not None else replace(known, poles=None, zeros=None)
 
 
 def _beginning(given: FrequencyResponse, options: IdentifyOptions, note: Callable[[str], None]) -> list[SpectralFit]:
-    """Return fits of all forms, best first, that leave half the equations to tell the noise by."""
+    """Return fits of all forms, best first, that leave half the equations to estimate the noise."""
     data = _data(given)
     fits = propose(data, _HOLD, _known(given, options).without_values, note)["band-limited"]
     fits = [fit for fit in fits if fit.form.count < given.magnitude.size]
@@ -163,11 +163,11 @@ _ROUNDS = 6
 """Descents with doubtful points counting less, and as many without them: the set of points is stable by then."""
 _CLEAR = 30.0
 """What leaving points out has to win of Bayes' criterion; within it the form of fewest poles says which: a resonance
-may stand at any point, and bend to its neighbours' noise."""
+may be at any point, and bend to its neighbours' noise."""
 
 
 def _astray(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> tuple[NDArray[np.bool_], bool]:
-    """Return which points stand off the form that all others follow, (m,), and whether that is clear: other poles may
+    """Return which points are off the form that all others follow, (m,), and whether that is clear: other poles may
     explain them as well.
 
     A bad point costs two parameters, its own magnitude and phase, at the price of any other: where poles and zeros
@@ -195,10 +195,10 @@ def _astray(given: FrequencyResponse, fits: Sequence[SpectralFit]) -> tuple[NDAr
 def _trimmed(
     problem: SpectralProblem, given: FrequencyResponse, fit: SpectralFit, most: int
 ) -> tuple[float, NDArray[np.bool_]]:
-    """Return the cost of the fit of that form after it was freed of the points that stand off it, and which they are,
+    """Return the cost of the fit of that form after it was freed of the points that are off it, and which they are,
     (m,), `most` of them.
 
-    At first every point counts the less, the farther it stands off (Cauchy's weights), later not at all. Bad points
+    At first every point counts the less, the farther it is off (Cauchy's weights), later not at all. Bad points
     draw poles to them, also into the right half plane: they are mirrored.
     """
     cost, out = fit.cost, np.zeros(problem.weight.size, dtype=np.bool_)

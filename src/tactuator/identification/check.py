@@ -104,14 +104,14 @@ def check_length(
     """Return what decides on the record's length, and refuse one shorter than the slowest time constant, unless the
     mechanism integrates.
 
-    slow_error: standard error of the slowest pole, rad/s. A pole that cannot be told from zero in a record 20 times as
-    long as the next time constant is an integrator; in a shorter one nothing is known of it.
+    slow_error: standard error of the slowest pole, rad/s. A pole that cannot be distinguished from zero in a record 20
+    times as long as the next time constant is an integrator; in a shorter one nothing is known of it.
     """
     # a resonance shows itself within its periods, however slowly it decays
     resonant = np.abs(poles_rad_s.imag) > np.abs(poles_rad_s.real)
     speed = np.sort(np.where(resonant, np.abs(poles_rad_s), np.abs(poles_rad_s.real)))
     slowest = float(speed[0])
-    # within three time constants a pole has also to stand out from its own uncertainty
+    # within three time constants a pole must also exceed its uncertainty
     stands_out = slowest >= 3.0 * slow_error and bool(np.all(poles_rad_s.real <= 0.0))
     if slowest * duration_s >= 3.0 or (slowest * duration_s >= 1.0 and stands_out):
         return ()
@@ -210,7 +210,7 @@ class ExcitationReport:
 
     @property
     def sufficient(self) -> bool:
-        """Tell whether there are lines enough for the parameters."""
+        """Return whether there are enough lines for the parameters."""
         return self.order >= self.needed
 
 
@@ -252,7 +252,7 @@ def valid_range(
     model: PlantModel, moved_hz: tuple[float, float], widest_deg: float = BAND_DEG.limit
 ) -> tuple[float, float]:
     """Return the longest range within moved_hz over which the band of the model is narrow, Hz; a range of two
-    neighbouring frequencies stands for none.
+    neighbouring frequencies counts as none.
     """
     low, high = moved_hz
     frequency = np.geomspace(low, max(high, 1.01 * low), _POINTS)
@@ -325,7 +325,7 @@ class Prepared:
 
     @property
     def references(self) -> list[FloatArray] | None:
-        """Return what a loop was asked for, (n,), of every record; None where one does not tell."""
+        """Return the loop's reference, (n,), of every record; None if one has none."""
         references = [record.reference for record in self.records if record.reference is not None]
         return references if len(references) == len(self.records) else None
 
@@ -346,7 +346,7 @@ class Prepared:
         return max(record.duration_s for record in self.records)
 
     def model(self, num: FloatArray, den: FloatArray, covariance: FloatArray, **more: Any) -> PlantModel:
-        """Return a model that tells what it comes from, and what is asked of it; its band is 0.4 .. 300 Hz as far as
+        """Return a model with its origin and what is asked of it; its band is 0.4 .. 300 Hz as far as
         the record reaches, or all that it reaches where that is less than a decade.
         """
         record, about = self.records[0], more.pop("record", {})

@@ -56,9 +56,9 @@ class Data:
 
     local: frequencies, values and their variance. signals, spectra: samples and lines of each record (none of a
     response by itself).
-    weight: one over the deviation of each value, where it is known; of a record the residual tells it. late_s: about
-    how much later than the command the position begins to answer. kind: the problem that a fit solves.
-    in_loop: whether the response is one that a loop leaves unbiased, of which poles may grow.
+    weight: one over the deviation of each value, where it is known; of a record it comes from the residual. late_s:
+    about how much later than the command the position begins to answer. kind: the problem that a fit solves. in_loop:
+    whether the response is one that a loop leaves unbiased, of which poles may grow.
     """
 
     local: LocalResponse
@@ -149,7 +149,7 @@ def spectra_read_late(signals: Signals, rate_hz: float, delay_s: float) -> tuple
 
 def _arrival(taken: Spectrum) -> int:
     """Return about how many samples pass before the position answers the command: when the impulse response that the
-    lines show by themselves first rises to a tenth of its greatest; 0 where it does not stand out of the noise.
+    lines show by themselves first rises to a tenth of its greatest; 0 where it is hidden by the noise.
     """
     power = np.abs(taken.command) ** 2
     lines = np.conj(taken.command) * taken.position / (power + 0.01 * float(np.max(mean_of_lines(power))))

@@ -68,7 +68,7 @@ class Distortion:
 
     @property
     def shows(self) -> bool:
-        """Return true where the distortion stands out of the noise by more than chance over a tenth of the lines."""
+        """Return whether the distortion exceeds the noise by more than chance at a tenth of the lines."""
         loudest = np.fmax(np.fmax(self.even, self.odd), self.distortion)
         return bool(np.mean(loudest > self.noise) > 0.1)
 

@@ -36,9 +36,9 @@ from tactuator.identification.uncertainty import indistinct
 Starts = dict[Hold, list[SpectralFit]]
 """Fits to the response, best first, of each hold in the order in which one is taken if the data cannot tell."""
 CERTAIN = 12.0
-"""Difference of -2 log likelihood from which on a hold is told: odds of 1 : 400 on equal terms."""
+"""Difference of -2 log likelihood from which on a hold is stated: odds of 1 : 400 on equal terms."""
 _CERTAIN_IF_FED_BACK = 36.0
-"""The same where a loop shows: two lags more or less of the filter that stands for it make twenty."""
+"""The same where a loop shows: two lags more or less of the filter that represents it make twenty."""
 _CERTAIN_IN_LOOP = 300.0
 """The same where it misled the response, too: of 80 drawn loops one spoke for the wrong hold by 176; right ones do by
 1000."""
@@ -48,14 +48,14 @@ _FAR = 300.0
 """The same from which on the worse hold is not looked at more closely."""
 _BANDS, _FREE = 60, 1.6
 """Bands in which a residual is held against the command, and what they follow it by, on the mean, from which on no hold
-is told: 1.46 at most where the form was right, 1.75 at least beside half-order parts."""
+is stated: 1.46 at most where the form was right, 1.75 at least beside half-order parts."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpectralEstimate:
-    """An estimate over lines. chosen: under the better hold; where the record does not tell them apart (certain) under
+    """An estimate over lines. chosen: under the better hold; where the record does not separate them (certain) under
     the band-limited one if command and position passed filters (flanks), else under the first one. other: under the
-    other, or None. advantage: how much better the better one's criterion is; enough: from which on it is told. local:
+    other, or None. advantage: how much better the better one's criterion is; enough: from which on it is stated. local:
     the records' own response; spectra: of each record as it is. residuals, other_residuals: what the two leave of every
     record (of single lines: none). before: the fit to the command as it is, where what follows a loop's reference was
     fitted in its stead. free: the estimate without the values that are known, where there are any. trials: of a glance
@@ -240,7 +240,7 @@ def _tried(choice: Choice, data: Data) -> _Trial:
 
 
 def _enough(trial: _Trial, other: _Trial) -> float:
-    """Return the difference of evidence from which on one of two holds is told."""
+    """Return the difference of evidence from which on one of two holds is stated."""
     if trial.in_loop:
         return _CERTAIN_IN_LOOP
     return _CERTAIN_IF_FED_BACK if max(trial.by_loop, other.by_loop) > 0.0 else CERTAIN

@@ -67,7 +67,7 @@ class FixedAgainstOwn:
 def beside_free(fit: Any, alone: PlantModel, fixed: Sequence[Fixed], chosen: Choice, free: Sequence[Choice]) -> Any:
     """Return a fit (an Identification, a ResponseFit) of fixed values beside what the record shows without them, a
     model `alone` and its choices `free`; where that speaks against them, the band holds both, and what decides on trust
-    is told.
+    is reported.
     """
     known = tuple(FixedAgainstOwn(value, value.of_model(alone)) for value in fixed)
     fit = replace(fit, fixed=known)
@@ -120,7 +120,7 @@ def checks_against_own(known: Sequence[FixedAgainstOwn], model: PlantModel, free
 
 def _evaded(model: PlantModel, free: PlantModel, low: float) -> str:
     """Return how a model evades a value at 0 Hz: by a pole far below the lowest frequency of the record (low, hertz),
-    under which it does as it is told; empty where it has no such pole, or the record by itself has one, too.
+    under which it has that value; empty where it has no such pole, or the record by itself has one, too.
     """
     slowest = (np.min(np.abs(np.roots(each.den)), initial=np.inf) for each in (model, free))
     slow, free_pole = (float(size) / (2.0 * np.pi) for size in slowest)

@@ -1,7 +1,7 @@
 """The form of a transfer function, what is known of it beforehand, and the freedom that known values leave.
 
-Its denominator stands as sections, its numerator on stages of products of sections. Sections keep the numbers well
-conditioned over many decades and eight poles, where coefficients of one polynomial do not. Time is scaled: s is in
+Its denominator is a product of sections, its numerator is on stages of products of sections. Sections keep the numbers
+well conditioned over many decades and eight poles, where coefficients of one polynomial do not. Time is scaled: s is in
 units of `scale_rad_s`. A gain at s = 0 that is known binds the numerator's weights, which are linear: they move in a
 plane, and its foot follows the denominator. So all derivatives are exact.
 """
@@ -166,7 +166,7 @@ def numerator_values(stages: Stages, s: ComplexArray, form: Form) -> ComplexArra
     last: FloatArray | None = None
     for j in range(form.numerators):
         polynomial, power = stages[j]
-        # both stages of a pair stand on the same product
+        # both stages of a pair have the same product
         if polynomial is not last:
             value, last = monic_values(polynomial, s), polynomial
         power += form.origin_zeros
@@ -293,7 +293,7 @@ class Known:
 
     def like(self, form: Form, poles: ComplexArray) -> Iterator[tuple[Form, FloatArray]]:
         """Yield the form with as many poles and zeros that has what is known, and where to start it: at the free
-        `poles` of the other, of the same scaled time, less those that the known ones stand for.
+        `poles` of the other, of the same scaled time, less the known ones.
         """
         for known_form in self._form(form.poles, form.zeros, form.dead_time):
             rest: ComplexArray | None = poles

@@ -48,7 +48,7 @@ _POOR = 0.02
 """Share of the position's power that a fit may leave before friction is suspected to rule the record."""
 BENT = 4.0
 """Variance beside friction or a distortion over what the likelihood has, and beside a distortion or a vague friction
-likewise the evidence that tells holds apart: what friction leaves is at each frequency alike in sign, and was up to 1.5
+likewise the evidence that separates holds: what friction leaves is at each frequency alike in sign, and was up to 1.5
 half-widths on records of another generator."""
 _BEYOND = 1.5
 """Half-width over the first-order departure by another law of friction: on records of another generator, whose law was
@@ -169,7 +169,7 @@ def fit_friction(
     bare: SpectralEstimate, holds: tuple[Hold, ...], known: Known, note: Callable[[str], None]
 ) -> FrictionFit | None:
     """Return the estimate with friction, or None where none is certain; its form is the simplest whose response cannot
-    be told from the best one's, whichever law friction has.
+    be distinguished from the best one's, whichever law friction has.
 
     bare: the estimate without friction; holds, known: as it was found by.
     """
@@ -184,7 +184,7 @@ def fit_friction(
     if level.coulomb <= 0.0:
         return None
     del stage  # its lines take as much memory as an estimate
-    # the first level is so rough that a glance tells the next as well
+    # the first level is so rough that a quick fit is enough for the next
     data = bare.data.with_commands(level.off(signals))
     starts = propose_starts(data, holds, known.without_values, note)
     now = glance(data, starts, known)
@@ -238,7 +238,7 @@ def friction_shown(signals: Signals, bare: SpectralEstimate) -> tuple[float, Flo
 
 
 def _without_noise(position: FloatArray, rate_hz: float) -> FloatArray:
-    """Return the position (n,) as far up as it stands out of its noise, its ends turned round."""
+    """Return the position (n,) as far up as it exceeds its noise, its ends turned round."""
     return np.asarray(_low_passed(position, rate_hz, _motion_corner_hz(position, rate_hz), "odd")[0])
 
 
@@ -248,7 +248,7 @@ def _low_passed(
     """Return values (n,) behind a Gaussian low-pass without phase, and their derivatives, (1 + derivatives, n); ends:
     turned round (odd) or mirrored (even).
     """
-    # the low-pass rings over a few of its own periods: no more than those is turned round at either end
+    # the low-pass rings over a few of its periods: no more than those is turned round at either end
     more = min(values.size - 1, int(6.0 * rate_hz / corner_hz))
     size = scipy.fft.next_fast_len(values.size + 2 * more, real=True)
     before = (size - values.size) // 2
@@ -277,7 +277,7 @@ def ruled_by_friction(record: Record) -> float:
 
 
 def _motion_corner_hz(position: FloatArray, rate_hz: float) -> float:
-    """Return the frequency up to which the position stands 7 dB above its noise (the floor beyond 0.3 rate), hertz."""
+    """Return the frequency up to which the position is 7 dB above its noise (the floor beyond 0.3 rate), hertz."""
     power = np.abs(np.fft.rfft(np.hanning(position.size) * (position - position.mean()))) ** 2
     frequency = np.fft.rfftfreq(position.size, 1.0 / rate_hz)
     floor = float(np.mean(power[frequency > 0.3 * rate_hz]))
@@ -317,7 +317,7 @@ def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level that explains most of what the estimate leaves, that which is off its commands included.
 
     Friction may follow the estimate's own path or the measured one, and act all the time or from sample to sample: the
-    better way is told at one presliding distance, and the distance looked for along that way.
+    better way is chosen at one presliding distance, and the distance looked for along that way.
     """
     lines, both = stage.lines, (stage.paths, measured)
     explained = dict[tuple[int, bool, float], tuple[float, float, float]]()

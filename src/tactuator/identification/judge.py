@@ -154,7 +154,7 @@ def _with_what_is_left(
 
 
 def friction_of(friction_fit: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:
-    """Return friction in the record's units, with the interval and the distance that the record allows to tell.
+    """Return friction in the record's units, with the interval and the distance that the record allows.
 
     Where friction builds up between two samples only that it is short can be seen.
     """
@@ -317,7 +317,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
             rows.append(trust.RUBBING.of(rest * float(np.std(record.command)) / friction.coulomb))
     model = model.with_checks(*rows)
     skew = max(abs(result.tests.skew_ppm[0]) - result.tests.skew_ppm[1], 0.0)
-    if model.distrust or skew > trust.SKEW.limit:  # a residual tells of small ones alone
+    if model.distrust or skew > trust.SKEW.limit:  # a residual shows only small ones
         skew = max(skew, *map(clock_skew_ppm, common.records))
     model = model.with_checks(trust.SKEW.of(skew, remedy=_ONE_CLOCK))
     if model.distrust:  # where a model cannot be trusted anyway, the likely slip helps

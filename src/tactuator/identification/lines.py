@@ -5,7 +5,7 @@ transformation turns all its lines into six equations and one number, the power 
 same three coefficients, fitted band by band, are the local polynomial estimate of the response (Pintelon and Schoukens,
 2012, chapter 7).
 
-The equations of several records of one mechanism stand one after the other, each with its own transient, ends and
+The equations of several records of one mechanism follow one another, each with its own transient, ends and
 noise. The noise's power, from what a model leaves of the record, weighs the lines. Weighted by its own residual's
 spectrum the estimate is consistent in closed loop too, as long as all lines up to half the rate take part: what the
 loop feeds back of the noise is causal, so that its sum over the whole circle vanishes.
@@ -424,7 +424,7 @@ class JoinedEquations:
         )
 
     def transient_of(self, values: NDArray[Any], *, ends: bool = False) -> ComplexArray:
-        """Return the right sides for transients (m, c), each record with weights of its own: (e, c * records)."""
+        """Return the right sides for transients (m, c), each record with its own weights: (e, c * records)."""
         pairs = zip(self.parts, self._pieces, strict=True)
         return np.asarray(scipy.linalg.block_diag(*(part.transient_of(values[at], ends=ends) for part, at in pairs)))
 

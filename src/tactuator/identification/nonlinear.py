@@ -24,7 +24,7 @@ _CERTAIN = 100.0
 _SHARE = 0.02
 """Share of the residual from which on it counts."""
 _FLAT = 1e-3
-"""Power of a shape beyond its linear part, over its own, below which it cannot be told from that."""
+"""Power of a shape beyond its linear part, over its own, below which the two cannot be separated."""
 _CLIPPED = (0.05, 0.2, 0.6)
 """Levels of the command, of its deviation, below which it may do nothing."""
 _PLAY = (0.02, 0.1)
@@ -39,7 +39,7 @@ _SPRING = 1.0 + 1.0j  # a spring moves the resonance, and with it size and phase
 
 def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> tuple[float, ComplexArray]:
     """Return the size of the distortion that the residuals show over that of the position, and over the response at
-    frequencies (m,), as a deviation of its logarithm: play turns the phase too; zeros where none stands out.
+    frequencies (m,), as a deviation of its logarithm: play turns the phase too; zeros where none is visible.
     """
     shapes = [list(_shapes(residual)) for residual in residuals]
     total = sum(float(np.sum(np.abs(each.weight[1:] * each.lines[1:]) ** 2)) for each in residuals)

@@ -27,7 +27,7 @@ def solvable() -> Iterator[None]:
     try:
         yield
     except np.linalg.LinAlgError as error:
-        raise BadInput(f"no model can be told from it ({error})", "a position that the command moves") from None
+        raise BadInput(f"no model can be estimated from it ({error})", "a position that the command moves") from None
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Fixed:
         return 2.0 * math.pi * self.value
 
     def binds(self, form: Form) -> bool:
-        """Tell whether a fit of that form has the value: one to compare with it has neither gain nor poles fixed."""
+        """Return whether a fit of that form has the value: one to compare with it has neither gain nor poles fixed."""
         return {"gain": form.gain is not None, "pole": bool(form.known), "delay_s": not form.dead_time}[self.name]
 
     def of_model(self, model: PlantModel) -> tuple[float, float] | None:
@@ -160,7 +160,7 @@ class IdentifyOptions:
         return tuple(value for value in self.fixed if value.name != "delay_s")
 
     def of(self, about: Mapping[str, str]) -> IdentifyOptions:
-        """Return the same for a record of which that is told: its quantity, where none was asked for."""
+        """Return the same for a record with that description: its quantity, if none was requested."""
         if self.quantity != "auto":
             return self
         stated = about.get("quantity", "")

@@ -1,4 +1,4 @@
-"""The residual that a fit leaves of the record itself, and what it tells of a loop, of the hold and of saturation.
+"""The residual that a fit leaves of the record itself, and what it shows of a loop, of the hold and of saturation.
 
 In a loop the command follows the noise. A model that answers the command at once, or before it, then takes for an
 answer what the noise did to the command, and the likelihood of the position given the command favours it wrongly. The
@@ -215,12 +215,12 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     best, chosen = 0.0, None
     for early in (0, _SMEARED) if filtered else (0,):
         lags = (np.arange(-early, _LENGTHS[-1]) + taken.shift) % taken.samples
-        # of a residual of a few lines alone no longer filter can be told
+        # a residual of a few lines does not determine a longer filter
         for taps in _solutions(autocovariance[: lags.size], shared[lags]):
             if taps.size - early not in _LENGTHS:
                 continue
             share = float(taps @ shared[lags[: taps.size]]) * taken.samples / (2.0 * lines)
-            # a weight that is not yet the residual's own: less than all, and enough to tell the lengths apart
+            # a weight that is not yet the residual's own: less than all, and enough to separate the lengths
             won = -2.0 * lines * float(np.log(max(1.0 - share, 1e-9))) - price * taps.size
             if won > best:
                 best, chosen = won, (lags[: taps.size], taps)

@@ -13,7 +13,7 @@ from tactuator.arrays import FloatArray
 _LAGS, _BURST = 40, 50
 """Lags of the test of whiteness, and samples about the greatest innovation that may belong to it."""
 CHANCE, _MISFIT = 1e-3, 0.01
-"""Chance of a residual that follows the command so much, and its share that does, beyond which no loop is told."""
+"""Chance of a residual that follows the command so much, and its share that does, beyond which no loop is stated."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,17 @@ class ResidualTests:
 
     @property
     def is_misfit(self) -> bool:
-        """Tell whether so much of the residual follows the command that a loop cannot be told from it."""
+        """Return whether so much of the residual follows the command that a loop cannot be recognised."""
         return self.uncorrelated_p < CHANCE and self.unexplained > _MISFIT
 
     @property
     def white(self) -> bool:
-        """Tell whether Ljung and Box's test passed."""
+        """Return whether Ljung and Box's test passed."""
         return self.white_p > 0.01
 
     @property
     def uncorrelated_with_input(self) -> bool:
-        """Tell whether the command's past explains nothing of the residual."""
+        """Return whether the command's past explains nothing of the residual."""
         return self.uncorrelated_p > 0.01
 
 

@@ -1,4 +1,4 @@
-"""The result of an identification: the model, its tests, and what a user must be told of both."""
+"""The result of an identification: the model, its tests, and what a user must know about both."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Friction:
 
     @property
     def stated(self) -> dict[str, float]:
-        """Return what a model file says of it; a presliding distance that nobody can tell is left out."""
+        """Return what a model file says of it; an unknown presliding distance is left out."""
         known = {} if self.presliding is None else {"presliding": self.presliding}
         return {"coulomb": self.coulomb, **known}
 
@@ -63,7 +63,7 @@ class Candidate:
 @dataclass(frozen=True)
 class BetweenSamples:
     """The command between its samples. hold: what the command is taken to do between its samples. source: "asked",
-    "file" or "data". certain: the data (or the file) tell it from the other; advantage: by how much of -2 log
+    "file" or "data". certain: the data (or the file) decide between the two; advantage: by how much of -2 log
     likelihood.
     """
 
@@ -103,8 +103,8 @@ class Identification(Fitted):
     friction: None if none is certain.
 
     empirical: the record's own response in bands, for figures. simulated, measured: position by the model and as
-    recorded, (k,), the last k samples of the part used. remarks: what a user must be told. other: the model under the
-    other hold where the record cannot tell them apart. validations: how the model stands on records that it never saw.
+    recorded, (k,), the last k samples of the part used. remarks: what a user must know. other: the model under the
+    other hold if the record cannot separate them. validations: tests of the model on other records.
     distortion: what a periodic record shows beside its response, None for any other. fixed: the values that were fixed,
     beside the record's own.
     """

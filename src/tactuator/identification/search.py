@@ -178,7 +178,7 @@ class _Proposals:
 
 
 def _least(scored: list[tuple[float, SpectralFit]], dead_time: bool | None = None) -> float:
-    """Return the least cost, of forms with or without dead time alone if that is told."""
+    """Return the least cost, of forms with or without dead time alone if that is stated."""
     return min((fit.cost for _, fit in scored if dead_time in (None, fit.form.dead_time)), default=np.inf)
 
 
@@ -205,7 +205,7 @@ def choose(
             first = problem.continued(first, 8)
     else:
         problem, first = begun.problem, begun.fit
-    others = [  # as far as forms are told apart by: the best ones are gone on with
+    others = [  # as far as needed to separate forms: only the best are continued
         problem.descend(rival.form, rival.theta, rival.delay, most=8, gain=_WORTH, share=_WORTH_SHARE)
         for rival in kept
         if rival.form != first.form
@@ -227,7 +227,7 @@ def choose(
 
 
 SHOWN_LATE = 10.0
-"""First frequency of the local response over that of the lowest line, from which on the record may tell more below: 7
+"""First frequency of the local response over that of the lowest line, from which on the record may show more below: 7
 where its first band shows it."""
 _SLOWER, _STARTS = 12.0, 8
 """What a pole below all that the local response shows has to win of the criterion; places where one is looked for."""
@@ -239,7 +239,7 @@ def _with_slow_poles(
     """Yield the fit with a pole and a zero more below first_hz, and with two, as long as the record asks for them.
 
     Where a command's lines are as smooth as a transient, as those of a quick sweep's slow end, the local response shows
-    nothing, and proposes nothing: the record by itself may tell more.
+    nothing, and proposes nothing: the record by itself may show more.
     """
     price, to_scale = float(np.log(problem.given.total)), 2.0 * np.pi / best.grid.scale_rad_s
     lowest_hz = float(problem.grid.frequency_hz.min())
@@ -258,7 +258,7 @@ def _with_slow_poles(
 
 
 def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bool]) -> tuple[Choice, bool]:
-    """Return the choice with a form of fewest parameters whose response cannot be told from that of the chosen one:
+    """Return the choice with a form of fewest parameters whose response is indistinguishable from the chosen one's:
     those that were fitted, then those that are simpler by a pole, a zero or a dead time, one after the other; or, where
     one of these leaves less than the chosen one, the choice with it, and true: the search had missed it.
 

@@ -13,7 +13,7 @@ import numpy as np
 from tactuator.model.plant_model import Decides, QualityCheck
 
 _MOST = 1e9
-"""Size beyond which a number is told as this."""
+"""Size beyond which a number is reported as this."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Standard:
     least: bool = False
 
     def of(self, value: float, where: str = "", remedy: str = "") -> QualityCheck:
-        """Return it with its value; remedy: what may help, told where it is beyond its limit."""
+        """Return it with its value; remedy: what may help, reported beyond the limit."""
         size = float(np.clip(np.nan_to_num(value, nan=0.0 if self.least else _MOST), -_MOST, _MOST))
         check = QualityCheck(self.name, size, self.unit, self.limit, self.decides, self.least, where)
         return replace(check, where=", ".join(filter(None, (where, remedy)))) if check.beyond else check

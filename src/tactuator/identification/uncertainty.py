@@ -78,7 +78,7 @@ def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray
 
 
 def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None = None) -> Callable[[SpectralFit], bool]:
-    """Return what tells whether a fit's response lies within the band of the chosen one wherever the record shows its
+    """Return the test whether a fit's response lies within the band of the chosen one wherever the record shows its
     own response, and below where it shows that late: the noise, other forms, and what the form does not follow; no
     band is narrower than `FLOOR`.
 

@@ -38,7 +38,7 @@ _TRIFLE, _SILENT = 1e-6, 1e-5
 """Share of the position's power below which nothing follows the command; power of the command's lines, over the
 strongest, below which they show nothing (50 dB)."""
 _SHORT = 1e-3
-"""Presliding distance, of the size of the motion, where the model cannot tell its own."""
+"""Presliding distance, of the size of the motion, where the model does not give one."""
 
 
 def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> Identification:
@@ -52,7 +52,7 @@ def validated(result: Identification, records: Sequence[tuple[str, Record]]) -> 
 
 @np.errstate(all="ignore")
 def validate(result: Identification, record: Record, name: str = "") -> Validation:
-    """Return how the model that was found stands on a record of the same mechanism. Raises BadInput where the record
+    """Return the test of the model on another record of the same mechanism. Raises BadInput where the record
     cannot be used, or is in other units.
     """
     model, called = result.model, (name or record.about.get("file", "the other record")).rpartition("/")[2]

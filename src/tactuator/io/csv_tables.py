@@ -141,7 +141,7 @@ def read_curve(path: str | Path) -> ThresholdCurve:
 
 
 def _head(remarks: Sequence[str]) -> dict[str, str]:
-    """Return the remarks `key: value` of a head that tells a name, by key; nothing of another head."""
+    """Return the remarks `key: value` of a head that gives a name, by key; nothing of another head."""
     pairs = (line.split(":", 1) for line in remarks if ":" in line)
     head = {key.strip().lower(): value.strip() for key, value in pairs}
     return head if "name" in head else {}
@@ -189,7 +189,7 @@ def write_curve(
 def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[object]] | None = None) -> str:
     """Return the text of a curve's file.
 
-    circumstances: further columns by name, one cell for each point, which tell how the curve was measured.
+    circumstances: further columns by name, one cell for each point, which say how the curve was measured.
     """
     errors = threshold.standard_error_db
     columns: dict[str, Sequence[object]] = {

@@ -53,7 +53,7 @@ def read_display(path: str | Path) -> Display:
 
 
 def _with_unchanged(document: Document, text: str) -> Document:
-    """Return the document whose channels tell which of their keys still say that they are to be changed."""
+    """Return the document whose channels list their keys that still say CHANGE THIS."""
     channels = document.get("channel")
     parts = re.split(r"(?m)^\s*\[\[\s*channel\s*\]\]", text)[1:]
     if not isinstance(channels, list) or len(parts) != len(channels) or "CHANGE THIS" not in text:
@@ -122,7 +122,7 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
     plant = given_plant(mine.pop("plant", None), beside, where, feedback.structure != "none")
     if mine.get("loads") and plant.is_response:
         raise BadInput(
-            "a list, while what a load changes cannot be told from a response by itself",
+            "a list, while a response alone does not show what a load changes",
             "none, or the model that `identify` makes of it",
             where=(where,),
             key="loads",
@@ -163,7 +163,7 @@ def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
 
 def _scaled(load: Load, scale: float) -> Load:
     """Return the load of a plant whose denominator does not begin with one, in units of one that does; a load whose
-    scale is stated is in units of its own.
+    scale is stated has its own units.
     """
     if load.per is not None:
         return load
@@ -191,7 +191,7 @@ def _as_acceleration(entry: Document, where: str) -> Document:
         return entry
     mine = {key: entry[key] for key in parameters(ForceSensor) if key in entry}
     sensor = from_table(
-        ForceSensor, mine, where, "quantity = 'force', which alone does not tell how far a finger moves"
+        ForceSensor, mine, where, "quantity = 'force', which alone does not show how far a finger moves"
     )
     if "sensor_gain_v_per_mm" in entry:
         raise BadInput(

@@ -26,7 +26,7 @@ def write_environment(path: str | Path, channels: Mapping[str, Mapping[str, Any]
 
 
 def read_environment(path: str | Path, channel: str) -> dict[str, Any]:
-    """Return the keys of [environment] that the file tells of `channel`.
+    """Return the keys of [environment] that the file has for `channel`.
 
     Raises BadInput for a file that cannot be read, another format, a channel that is not in it, a figure out of range.
     """

@@ -193,7 +193,9 @@ def _try_out(trial: Callable[[], object]) -> None:
 
 
 def _limit_memory() -> None:
-    """Let this process take no more than _MEMORY_BYTES besides what it has, where the system tells how much that is."""
+    """Let this process take no more than _MEMORY_BYTES besides what it has, where the system reports how much that
+    is.
+    """
     statm = Path("/proc/self/statm")
     if statm.exists():
         most = int(statm.read_text().split()[0]) * resource.getpagesize() + _MEMORY_BYTES

@@ -67,12 +67,12 @@ _COLUMNS = (
     ("record", {"t"}),
     ("record", {"command_v"}),
 )
-"""Columns that tell a table's kind, the first that are all there."""
+"""Columns that determine a table's kind, the first that are all there."""
 _SOUNDS = (b"RIFF", b"RF64", b"fLaC", b"OggS", b"FORM", b"riff")
 
 
 def kind_of(path: Path) -> str | None:
-    """Return the kind of a file by its content, or None where that does not tell it (or cannot be read)."""
+    """Return the kind of a file by its content, or None if that does not show it (or cannot be read)."""
     try:
         if not path.is_file():
             return None

@@ -26,7 +26,7 @@ _SMALLEST = 1e-100
 
 
 def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> dict[str, Any]:
-    """Return the document of model.json; `family`: other plants that the record cannot tell from the model."""
+    """Return the document of model.json; `family`: other plants that fit the record."""
     tables = plain(model)
     units = {what: tables.pop(f"{what}_unit") for what in _UNITS}
     members = [dict(zip(("num", "den"), map(plain, system.polynomials()), strict=True)) for system in family]
@@ -41,7 +41,7 @@ def write_model(path: str | Path, model: PlantModel, family: Sequence[Continuous
 
 
 def identified_text(model: PlantModel) -> str:
-    """Return the text of model.json for a model with the plants that its record cannot tell from it."""
+    """Return the text of model.json for a model, with the other plants that fit its record."""
     return _text(model, model.family(_FAMILY, np.random.default_rng(0)))
 
 

@@ -42,7 +42,7 @@ class GivenPlant:
 
     @property
     def systems(self) -> tuple[ContinuousSystem, ...]:
-        """Return the plant and those that identification cannot tell from it."""
+        """Return the plant and the others that fit its record."""
         return self.keys["plant"], *self.keys.get("family", ())
 
 

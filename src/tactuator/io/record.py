@@ -30,7 +30,7 @@ _LARGEST = 1e100
 
 @dataclass(frozen=True, eq=False)
 class Stamps:
-    """Time stamps on an even grid. rate_hz: even rate. place: where each sample stands on the even grid, in samples,
+    """Time stamps on an even grid. rate_hz: even rate. place: where each sample is on the even grid, in samples,
     (n,). count: of that grid.
 
     even: the samples are the grid already. remarks: what is wrong, to be said.

@@ -1,6 +1,6 @@
 """Reading and writing of references: signals to be played, in threshold units, one column a channel.
 
-A WAV is float32 with 1.0 standing for a stated level (60 dB SL: amplitude 1000); the level stands in its INFO comment
+A WAV is float32 in which 1.0 is a stated level (60 dB SL: amplitude 1000); the level is in its INFO comment
 and, with curves, band and provenance, in NAME.json beside it. An HDF5 file holds threshold units themselves in the
 dataset `reference` (n, channels), and everything else as attributes.
 """
@@ -60,7 +60,7 @@ class ReferenceHead:
 
     @property
     def full_scale(self) -> float:
-        """Return the number of threshold units for which 1.0 stands in a WAV."""
+        """Return the number of threshold units of 1.0 in a WAV."""
         return float(10.0 ** (self.full_scale_db_sl / 20.0))
 
     def document(self) -> dict[str, Any]:
@@ -270,7 +270,7 @@ def _require_room(beside: Path, frames: int, channels: int) -> None:
 
 
 _SYSTEM = 2
-"""The code by which libsndfile tells that the system refused, and not why."""
+"""The code by which libsndfile says that the system refused, without the reason."""
 
 
 @contextmanager
@@ -319,7 +319,7 @@ def _open_wav(path: Path) -> ReferenceFile:
         if scale is None:
             raise BadInput(
                 f"no {beside.name} beside it and no scale in its INFO comment",
-                "a file that says for how many dB SL 1.0 stands",
+                "a file that says how many dB SL 1.0 is",
             )
         head = ReferenceHead(float(rate), tuple(scale[2].split(",")), full_scale_db_sl=float(scale[1]))
     if len(head.channels) != width or head.rate_hz != rate:

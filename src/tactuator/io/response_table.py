@@ -164,7 +164,7 @@ class _Reader:
         return self.columns.values[column.text]
 
     def one(self, role: str, asked: str | None, roles: Sequence[str], kinds: Sequence[str]) -> ColumnName | None:
-        """Return the column of a role, None where there is none. Raises BadInput for two, and for one that an option
+        """Return the column of a role, or None. Raises BadInput for two, and for one that an option
         names whose unit is of none of the kinds.
         """
         if asked is not None:

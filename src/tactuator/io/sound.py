@@ -104,7 +104,7 @@ def _source(path: Path) -> Path | _ReadThrough:
 def without_remarks(path: Path) -> Iterator[None]:
     """Keep what the decoder of MP3 writes about a file off standard error, which has one line for a refusal.
 
-    Files of other formats, which their first bytes tell, are read as ever. Raises OSError.
+    Files of other formats, recognised by their first bytes, are read as before. Raises OSError.
     """
     with path.open("rb") as file:
         if file.read(4) in _KNOWN:
@@ -154,7 +154,7 @@ def forget_time(path: Path) -> None:
 
 
 def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int:
-    """Return where the chunk of samples ends by its own statement; 0 where it does not say, or there is none."""
+    """Return where the chunk of samples ends by its own statement; 0 if it does not say, or is missing."""
     while len(chunk := file.read(8)) == 8:
         (length,) = struct.unpack(f"{order}I", chunk[4:])
         if chunk[:4] == wanted:
@@ -191,7 +191,7 @@ def _end_of_caf(file: BinaryIO, head: bytes) -> int:
 _STATED = {
     b".snd": _end_of_au, b"dns.": _end_of_au, b"RF64": _end_of_rf64, b"riff": _end_of_w64, b"caff": _end_of_caf,
 }  # fmt: skip
-"""By the first bytes of a file, what tells its end."""
+"""By the first bytes of a file, what finds its end."""
 
 
 def _require(stated: int, size: int) -> None:

@@ -25,7 +25,7 @@ _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (code
 
 
 def encoding_of(head: bytes) -> str:
-    """Return the encoding that a file's first bytes tell: by a byte-order mark, by the zeros of UTF-16, or UTF-8."""
+    """Return the encoding by a file's first bytes: by a byte-order mark, by the zeros of UTF-16, or UTF-8."""
     for mark, name in _MARKS:
         if head.startswith(mark):
             return name
@@ -96,7 +96,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        reason, _, place = str(error).splitlines()[0].removesuffix(")").rpartition(" (at ")  # all that it tells
+        reason, _, place = str(error).splitlines()[0].removesuffix(")").rpartition(" (at ")  # all that it says
         reason = _TOML_KEY.sub("a key", reason)
         raise BadInput(reason or place, where=(place,) if reason else ()) from None
     except (ValueError, RecursionError):  # a number of thousands of digits, brackets thousands deep

@@ -255,7 +255,7 @@ _NUMBER = re.compile(r"[-+]?\d*[.,](\d+)([eE][-+]?\d+)?\"?")
 
 
 def last_number_cut_off(path: Path) -> str | None:
-    """Return the last number of a text that ends within it, as it stands there; None where nothing tells so.
+    """Return the last number of a text that ends within it, as written there, or None.
 
     Many a whole file lacks the last line's end, and numbers of any length are common. So it takes both: no end of the
     last line, and fewer digits behind the point (and in the exponent) of the last column than in each of the 40 rows or

@@ -1,6 +1,6 @@
 """Active speech level as in ITU-T P.56, method B, with the share of time that it counts; what is no speech is left out.
 
-A click or thump would raise P.56's level of a whole utterance. Frames that stand OUTSTANDING_DB above the level of all
+A click or thump would raise P.56's level of a whole utterance. Frames OUTSTANDING_DB above the level of all
 others, and the two beside each, are taken for such, left out and reported.
 """
 
@@ -24,7 +24,7 @@ TRIMMED_SHARE, MOST_SHARE = 0.05, 0.1
 is no exception."""
 LOUDEST_S, WARNED_DB = 0.1, 15.0
 _THRESHOLDS = 2.0 ** np.arange(-40, 31)
-"""P.56 steps by 2; this many, since codings have scales of their own."""
+"""P.56 steps by 2; this many, since codings have different scales."""
 _PASSES = 5
 """Until the same frames are left out twice; two of speech."""
 
@@ -34,7 +34,7 @@ Blocks = Callable[[], Iterator[FloatArray]]
 @dataclass(frozen=True)
 class ActiveLevel:
     """Level of a sinusoid of the active rms, dB re 1, of the loudest channel; -inf for silence. share: of the time that
-    is active, 0 to 1. notes: what was left out, and what stands far above the rest.
+    is active, 0 to 1. notes: what was left out, and what is far above the rest.
     """
 
     level_db: float
@@ -73,9 +73,9 @@ def _notes(powers: FloatArray, left_out: NDArray[np.bool_], level_db: float) -> 
     at_s = float(np.argmax(means)) * FRAME_S
     if left_out.any() and np.isfinite(level_db):
         seconds = FRAME_S * float(left_out.sum())
-        yield f"{seconds:.3g} s stand more than {OUTSTANDING_DB:g} dB above the rest, and were left out of its level"
+        yield f"{seconds:.3g} s are more than {OUTSTANDING_DB:g} dB above the rest, and were left out of its level"
     if loudest_db > WARNED_DB and np.isfinite(level_db):
-        words = f"the loudest {1e3 * LOUDEST_S:.0f} ms, at {at_s:.3g} s, stand {loudest_db:.0f} dB above the level"
+        words = f"the loudest {1e3 * LOUDEST_S:.0f} ms, at {at_s:.3g} s, are {loudest_db:.0f} dB above the level"
         yield f"{words}: a knock? cut it out"
 
 
@@ -143,7 +143,7 @@ def _count(envelope: FloatArray, begun: int, hang: int, counts: FloatArray, last
 
 
 def _crossing(energy: float, counts: FloatArray, frames: int) -> tuple[float, float]:
-    """Return the level at which it stands MARGIN_DB above its threshold, between the two thresholds about it."""
+    """Return the level at which it is MARGIN_DB above its threshold, between the two thresholds about it."""
     if energy <= 0.0 or not frames:
         return -np.inf, 0.0
     active = counts > 0

@@ -91,7 +91,7 @@ def number_of(
 
 
 def part_of(document: Any, *path: str) -> Any:
-    """Return what stands at a path of keys. Raises BadInput for a key that is missing."""
+    """Return the value at a path of keys. Raises BadInput for a key that is missing."""
     for depth, key in enumerate(path):
         if not isinstance(document, Mapping) or key not in document:
             raise BadInput("missing", where=path[:depth], key=key)

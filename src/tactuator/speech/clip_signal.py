@@ -117,7 +117,7 @@ def _add_tone(
 def _add_tap(
     tap: Tap, full: float, wave: FloatArray, rate_hz: float, band: tuple[float, float], shifts: list[float]
 ) -> slice:
-    """Add a tap to the wave, and return where it stands: whole periods of a sinusoid."""
+    """Add a tap to the wave, and return where it is: whole periods of a sinusoid."""
     (frequency,), shift = moved_into(np.array([_between(TAP_HZ, tap.pitch)]), band)
     shifts.append(shift if tap.strength > 0.0 else 0.0)
     periods = max(1, round(_between(TAP_S, tap.pitch) * frequency))

@@ -1,7 +1,7 @@
 """Sets of items for a recognition experiment: waveforms after Tan et al. (1999), and the phonemes of TAPS.
 
 The waveforms are components from kinesthetic to cutaneous, singly and combined, on every group of fingers, at one
-duration, in dB SL. The kinds of attributes are those of that work; the numbers are our own and stand in the set.
+duration, in dB SL. The kinds of attributes are those of that work; the numbers are our own and are in the set.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def _raised(controller: Controller, name: str, frequency_hz: FloatArray) -> Floa
 
 
 def _quiet(frequency: FloatArray) -> FloatArray:
-    """Return a low-pass that is 1 up to 320 Hz: a quiet reference cannot tell the difference."""
+    """Return a low-pass that is 1 up to 320 Hz: a quiet reference shows no difference."""
     fall = np.clip((2.5 * QUIET_ABOVE_HZ - frequency) / (1.5 * QUIET_ABOVE_HZ), 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * fall))
 
@@ -158,7 +158,7 @@ class _Finger:
 
 
 class Limiter:
-    """Limits a stream of blocks (n, channels) for a controller; `report` tells what it did."""
+    """Limits a stream of blocks (n, channels) for a controller; `report` says what it did."""
 
     def __init__(self, controller: Controller) -> None:
         self._rate = controller.rate_hz

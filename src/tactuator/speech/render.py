@@ -1,7 +1,7 @@
 """A source to a reference: what it asks of the display, limited, streamed from the first sample to the last; and what
 is felt of it.
 
-A source is a speech file, a haptic clip, or an alignment of phonemes; the ending of its name tells which.
+A source is a speech file, a haptic clip, or an alignment of phonemes; the ending of its name says which.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ def loss_of(
 ) -> Loss:
     """Return what is lost between what was asked for and what the display delivers, (n, channels), threshold units.
 
-    tones: of a clip with taps, what is asked without these, (n,). taps: where each tap stands.
+    tones: of a clip with taps, what is asked without these, (n,). taps: where each tap is.
     """
     step = max(1, round(SLICE_S * rate_hz))
     starts = np.arange(0, len(asked), step)

@@ -52,7 +52,7 @@ def _require_plain_text(path: Path) -> None:
         with path.open("rb") as file:
             head = file.read(100)
     except OSError:
-        return  # whoever reads it says why not
+        return  # the reader says why not
     for mark, form in ((b"ooBinaryFile", "binary"), (b"Praat chronological", "chronological")):
         if mark in head:
             raise BadInput(
