@@ -294,7 +294,10 @@ def test_read_display__response__equalised_within_one_db_where_nobody_measured(f
     ("asked", "words"),
     [
         ({"structure": "integrator-lead-lag"}, 'no loop can be designed; expected structure = "none"'),
-        ({"more": 'loads = [{ name = "finger", damping = 1.0 }]'}, "a response alone does not show what a load changes"),
+        (
+            {"more": 'loads = [{ name = "finger", damping = 1.0 }]'},
+            "a response alone does not show what a load changes",
+        ),
         ({"plant": "jump.csv"}, r"channel.*plant .*jump.csv: .*4 or more"),
         ({"more": "valid_hz = [3.0, 2.0]"}, r"valid_hz is \[3, 2\]"),
         ({"plant": "model.json"}, "valid_hz is 7; it must be two frequencies"),
