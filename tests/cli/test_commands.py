@@ -26,6 +26,7 @@ from tactuator import __version__
 from tactuator.api.option import Option
 from tactuator.api.parameters import RIG_HELP
 from tactuator.api.progress import watched, working
+from tactuator.cli import output
 from tactuator.cli.command import command_of
 from tactuator.cli.commands import COMMANDS as TABLE
 from tactuator.cli.commands import FIRST, Command, top_commands
@@ -163,6 +164,15 @@ def test_answer__as_json_or_for_a_person__one_object_or_tables(capsys):
     with watched(Bars()), working("counting", 3) as step:
         step(1, text="one")
     assert capsys.readouterr() == ("", "")
+
+
+def test_long_work__where_no_terminal_is__writes_a_line_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr(output, "EVERY_S", 0.01)
+    written = ""
+    with watched(Bars()), working("designing") as step:
+        step(text="index")
+        while "tactuator: index, 0.0" not in written:  # pytest's own time limit ends it
+            written += capsys.readouterr().err
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

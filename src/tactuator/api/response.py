@@ -583,7 +583,8 @@ class FingerResult(Result):
 
     def facts(self) -> Sequence[Fact]:
         words = [
-            found(e.channel, f"{e.mass:.4g}, {e.damping:.4g}, {e.stiffness:.4g}: {_said(e)}") for e in self.estimates
+            found(e.channel, f"mass {e.mass:.4g}, damping {e.damping:.4g}, stiffness {e.stiffness:.4g}: {_said(e)}")
+            for e in self.estimates
         ]
         return [Fact("channels", [vars(estimate) for estimate in self.estimates]), *words]
 

@@ -6,6 +6,8 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import count
+from threading import Event, Thread
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
@@ -94,8 +96,34 @@ def drawn(content: ResultTable, console: Console) -> Table:
     return table
 
 
+EVERY_S = 30.0
+"""Time between two lines about long work where standard error is no terminal."""
+
+
+@contextmanager
+def _lines(text: str) -> Iterator[Step]:
+    """Write a line about a stretch of work now and then, until it ends."""
+    current, ended = [text], Event()
+
+    def write() -> None:
+        for number in count(1):
+            if ended.wait(EVERY_S):
+                return
+            sys.stderr.write(f"tactuator: {current[0]}, {number * EVERY_S:g} s\n")
+            sys.stderr.flush()
+
+    def step(done: float | None = None, total: float | None = None, text: str | None = None) -> None:
+        current[0] = text or current[0]
+
+    Thread(target=write, daemon=True).start()
+    try:
+        yield step
+    finally:
+        ended.set()
+
+
 class Bars:
-    """Bars on standard error, one below the other, gone when done; nothing where nobody watches (no terminal)."""
+    """Bars on standard error, one below the other, gone when done; a line now and then where it is no terminal."""
 
     def __init__(self) -> None:
         self._shown: Progress | None = None
@@ -104,7 +132,8 @@ class Bars:
     def __call__(self, text: str, total: float | None) -> Iterator[Step]:
         """Show a bar for a stretch of work."""
         if not sys.stderr.isatty():
-            yield lambda done=None, total=None, text=None: None
+            with _lines(text) as step:
+                yield step
             return
         with ExitStack() as stack:
             if self._shown is None:
