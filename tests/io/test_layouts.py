@@ -62,6 +62,8 @@ BOTH = rows(np.r_[HERTZ, HERTZ[::-1]], np.r_[DB, DB[::-1]], np.r_[DEG, DEG[::-1]
 FOUR = rows(HERTZ, *(part for _ in range(4) for part in (SIZE, DEG)), mark=" ")
 ONE_OF_FOUR = {"magnitude": "S21 (magnitude)", "phase": "S21 (deg)"}
 
+GERMAN = "Frequenz in Hz;Betrag in dB;Winkel in Grad\n" + rows(HERTZ, DB, DEG, mark=";", comma=True)
+
 RESPONSES = [
     Layout("spreadsheet", "frequency_hz,magnitude_db,phase_deg\n" + rows(HERTZ, DB, DEG)),
     Layout(
@@ -153,6 +155,14 @@ RESPONSES = [
         said="response of velocity",
         quantity="velocity",
     ),
+    Layout("German words", GERMAN, words="'in Grad' may be degrees or gradians; expected deg or gon"),
+    Layout("German words, said", GERMAN, columns={"phase": "Winkel in Grad=deg"}),
+    Layout(
+        "a lag",
+        "f (Hz),gain (dB),phase lag (deg)\n" + rows(HERTZ, DB, -DEG),
+        words="beside what is not read: 'phase lag",
+    ),
+    Layout("percent", "f (Hz),gain (%),phase (deg)\n" + rows(HERTZ, 100 * SIZE, DEG), words="no magnitude among"),
     Layout(
         "phase by another name",
         "frequency_hz,magnitude_db,Gang\n" + rows(HERTZ, DB, DEG),
@@ -242,6 +252,9 @@ RECORDS = [
     Layout("oscilloscope, numbered", "x-axis,1,2\nsecond,Volt,Volt\n" + record_rows(form="{:+.9E}")),
     Layout("oscilloscope, spare comma", "Model,MSO\nFirmware,1.2\n\nTIME,CH1,CH2\n" + record_rows(end=",\n")),
     Layout("circuit simulator", "time\tV(cmd)\tV(pos)\n" + record_rows(mark="\t"), ".txt"),
+    Layout(
+        "a time beside each", "X_Value\tCmd (V)\tX_Value\tPos (V)\n" + rows(TIME, COMMAND, TIME, POSITION, mark="\t")
+    ),
     Layout("logic analyser", "Time [s],Channel 0,Channel 1\n" + PLAIN),
     Layout("names in a remark", "# bench of Monday\n# time,u,y\n" + PLAIN),
     Layout("semicolons before remarks", "; a rig\n; t u y\n" + record_rows(mark=" "), ".log"),

@@ -16,7 +16,7 @@ _KINDS: Mapping[str, Mapping[str, float]] = {
              "ns": 1e-9, "nsec": 1e-9, "min": 60.0},
     "angle": {**dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), math.pi / 180.0),
               **dict.fromkeys(("rad", "radian", "radians"), 1.0), "mrad": 1e-3, "pi rad": math.pi,
-              **dict.fromkeys(("gon", "grad"), math.pi / 200.0),
+              "gon": math.pi / 200.0,
               **dict.fromkeys(("cycle", "cycles", "turn", "turns"), 2.0 * math.pi)},
     "level": {"dB": 1.0, "decibel": 1.0, "decibels": 1.0},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
@@ -25,6 +25,7 @@ _KINDS: Mapping[str, Mapping[str, float]] = {
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3, "volt": 1.0, "volts": 1.0},
     "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "amp": 1.0, "amps": 1.0, "ampere": 1.0, "amperes": 1.0},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "share": {"%": 0.01, "percent": 0.01},
     "torque": {"Nm": 1.0, "N m": 1.0, "mNm": 1e-3},
     "impedance": {"ohm": 1.0, "ohms": 1.0, "\u03c9": 1.0},
 }  # fmt: skip
@@ -60,9 +61,15 @@ _UNITS = {
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit that a text names; None for another text. Raises BadInput for mhz, which two units are."""
+    """Return the unit that a text names; None for another text. Raises BadInput for one that two units are."""
     plain = text.strip(" .[](){}").replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b2", "2")
-    plain = re.sub(r"[\^*]|\u00b7", "", plain).replace("_", "/").replace(" per ", "/").removeprefix("in ")
+    plain = (
+        re.sub(r"[\^*]|\u00b7", "", plain)
+        .replace("_", "/")
+        .replace(" per ", "/")
+        .replace("/per/", "/")
+        .removeprefix("in ")
+    )
     plain = plain.replace("/s/2", "/s2").replace("/s/s", "/s2").replace("\u03c0 rad", "pi rad")
     if plain in _UNITS:
         return _UNITS[plain]
@@ -70,6 +77,8 @@ def unit_of(text: str) -> Unit | None:
         return Unit("dB", "level")
     if ratio := re.fullmatch(r"\(?(.+?)\)?/\(?(?:[mk]?V|[mu]?A|[mk]?N)\)?", plain):
         return unit_of(ratio[1])
+    if plain.casefold() == "grad":
+        raise BadInput(f"the unit {text!r} may be degrees or gradians", "deg or gon")
     alike = [unit for name, unit in _UNITS.items() if name.casefold() == plain.casefold()]
     if len(alike) > 1:
         raise BadInput(f"the unit {text!r} may be {' or '.join(unit.text for unit in alike)}", "one spelt as these are")
@@ -116,8 +125,13 @@ def column_name(text: str, stated: str = "") -> ColumnName:
     A unit may be in any brackets, behind `_`, `/`, a comma or a blank, or a whole name. Raises BadInput for a unit in
     the name that is of another kind than the one stated.
     """
-    named = _split(text)
     unit = unit_of(stated) if stated else None
+    try:
+        named = _split(text)
+    except BadInput:
+        if unit is None:
+            raise
+        named = ColumnName(text, text)
     if unit is None:
         return named
     if named.unit.kind and named.unit.kind != unit.kind:

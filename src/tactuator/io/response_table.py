@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,6 @@ from tactuator.signals.record import FrequencyResponse
 
 _TYPICAL = 0.01
 """Relative error of a magnitude that comes without one: a tenth of a decibel."""
-_ASIDE = (
-    "confid", "noise", "error", "std", "stdev", "deviat", "distort", "thd", "floor", "delay", "group", "latency",
-    "uncert", "limit", "target", "minim", "maxim", "tolerance", "snr", "attenuat", "loss", "weight",
-)  # fmt: skip
-"""Beginnings of words that make a column something else than the response itself."""
 _LEAST_TURN_DEG = 45.0
 """A phase without a unit that stays within it may as well be radians, of seven turns of dead time."""
 _ALIKE_DB, _ALIKE_RAD = 0.1, 0.02
@@ -51,6 +47,28 @@ class ResponseColumns:
 NO_NAMES = ResponseColumns()
 
 
+_ASIDE = re.compile(
+    "confid|noise|error|std|deviat|distort|thd|floor|delay|group|latency|uncert|limit|target|minim|maxim|toleran|snr|"
+    "attenuat|loss|weight|lag$"
+)
+"""Beginnings of words that make a column something else than the response itself."""
+_ROLES = (
+    ("coherence", "coher|coh$|cxy$|gamma2$|\u03b32$", ("",)),
+    ("imaginary", "imag|im$", _LINEAR),
+    ("real", "real$|re$", _LINEAR),
+    ("frequency", "freq|fr\u00e9q|frec|omega|f$|\u03c9$|w$|hz$", ("", "angular")),
+    ("frequency", "", ("frequency",)),
+    ("phase", "", ("angle",)),
+    ("phase", "phas|fase|angle|argument|theta|ph$|pha$|arg$|ang$|phi$|\u03c6$|\u2220$", ("",)),
+    ("level", "", ("level",)),
+    ("level", "db$|spl$", ("",)),
+    ("magnitude", "magn|ampl|modul|betrag|gain|mag$|abs$|h$|tf$|frf$|transmissib|ratio$", _LINEAR),
+    ("amplitude", "", _LINEAR[1:]),
+    ("amplitude", "displ|veloc|accel", ("",)),
+)
+"""Roles of columns: the first one of whose words one begins so, and whose unit is of one of the kinds."""
+
+
 def role_of(column: ColumnName) -> str:
     """Return what a column is in a response: frequency, level (dB), magnitude, amplitude (in a unit of motion), phase,
     real, imaginary, coherence, confidence; "" for another.
@@ -58,26 +76,13 @@ def role_of(column: ColumnName) -> str:
     words, kind = column.words, column.unit.kind
     if "confidence" in words and kind == "level":
         return "confidence"
-    if kind == "time" or column.has(*_ASIDE):
+    if any(map(_ASIDE.match, words)):
         return ""
-    if column.has("coher") or words & {"coh", "cxy", "gamma2", "\u03b32"}:
-        return "coherence"
-    if column.has("imag") or words & {"im"}:
-        return "imaginary"
-    if words & {"real"} or (words & {"re"} and kind != "level" and "db" not in words):
-        return "real"
-    is_frequency = column.has("freq", "fr\u00e9q", "frec", "omega") or bool(words & {"f", "\u03c9", "w", "hz"})
-    if kind == "frequency" or (is_frequency and kind in ("", "angular")):
-        return "frequency"
-    is_phase = column.has("phas", "fase", "angle", "argument", "theta", "degree")
-    if kind == "angle" or (kind == "" and (is_phase or words & {"ph", "pha", "arg", "ang", "\u03c6", "\u2220", "phi"})):
-        return "phase"
-    if kind == "level" or words & {"db", "spl"}:
-        return "level"
-    is_size = column.has("magn", "ampl", "modul", "betrag", "gain") or words & {"mag", "abs", "h", "tf", "frf"}
-    if is_size or words & {"transmissibility", "ratio"}:
-        return "magnitude"
-    return "amplitude" if kind in _LINEAR[1:] or column.has("displ", "veloc", "accel") else ""
+    words = words - {"re"} if "db" in words else words
+    for role, starts, kinds in _ROLES:
+        if kind in kinds and (not starts or any(re.match(starts, word) for word in words)):
+            return role
+    return ""
 
 
 def asked_column(columns: Columns, asked: str, what: str) -> ColumnName:
@@ -135,8 +140,11 @@ class _Reader:
         missing = [name for name in asked.ignore if name not in columns.values]
         if missing:
             raise unknown("column to ignore", missing[0], columns.values)
-        self.columns, self.asked = columns, asked
-        self.names = [column for column in _described(columns) if column.text not in asked.ignore]
+        named = (asked.frequency, asked.magnitude, asked.phase, asked.real, asked.imaginary)
+        pairs = (each.rpartition("=") for each in named if each and each not in columns.values)
+        units = {**columns.units, **{name: unit for name, _, unit in pairs if name in columns.values}}
+        self.columns, self.asked = replace(columns, units=units), asked
+        self.names = [column for column in _described(self.columns) if column.text not in asked.ignore]
         self.read: set[str] = set()
         self.remarks = list(columns.remarks)
 
@@ -276,23 +284,21 @@ class _Reader:
         """Return the response at its points in order, each frequency once, those of no number and 0 Hz left out."""
         size, phase = said.size, said.phase
         known = np.isfinite(hertz) & np.isfinite(size) & np.isfinite(deviation)
-        if phase is not None:
+        if phase is None:
+            self.remarks.append("there is no phase: that of least lag is taken, without dead time")
+        else:
             if np.mean(np.isfinite(phase)) < 0.5:
-                raise BadInput(
-                    f"the phase is missing at {int(np.sum(~np.isfinite(phase)))} of {phase.size} points",
-                    "fewer than half, or no phase column at all (then the least phase is taken)",
-                )
+                got = f"the phase is missing at {int(np.sum(~np.isfinite(phase)))} of {phase.size} points"
+                raise BadInput(got, "fewer than half, or no phase column at all (then the least phase is taken)")
             known &= np.isfinite(phase)
         if not np.all(known):
             self.remarks.append(f"{int(np.sum(~known))} of {known.size} points are no numbers and are left out")
         if still := int(np.sum(known & (hertz == 0.0))):
             self.remarks.append(f"{still} {'row' if still == 1 else 'rows'} of 0 Hz left out")
             known &= hertz != 0.0
-        if phase is None:
-            self.remarks.append("there is no phase: that of least lag is taken, without dead time")
         if np.any(size[known] <= 0.0):
             raise BadInput(
-                "a magnitude of the response is zero or below", "above zero (dB: in a column _db, or NAME=dB)"
+                "a magnitude of the response is zero or below", "above zero (in dB: a name in _db, or NAME=dB)"
             )
         turned = None if phase is None else phase[known]
         points = _each_once(hertz[known], size[known], turned, deviation[known], self.remarks)
@@ -340,36 +346,23 @@ def _is_level(column: ColumnName) -> bool:
     return column.unit.kind == "level" or role_of(column) == "level"
 
 
-Points = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]
-
-
 def _each_once(
     hertz: FloatArray, size: FloatArray, phase: FloatArray | None, deviation: FloatArray, remarks: list[str]
-) -> Points:
+) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]:
     """Return the points in order of frequency; those of one frequency are averaged (complex, or in dB without a phase),
     with an error that is no less than they differ by.
     """
     frequency, first, place, count = np.unique(hertz, return_index=True, return_inverse=True, return_counts=True)
     if frequency.size == hertz.size:
         return frequency, size[first], None if phase is None else phase[first], deviation[first]
-
-    def mean(values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(place, values) / count)
-
-    if phase is None:
-        level = np.log(size)
-        middle, turned = np.exp(mean(level)), None
-        apart = np.abs(level - mean(level)[place])
-    else:
-        from_first = size * np.exp(1j * (phase - phase[first][place]))
-        value = mean(from_first.real) + 1j * mean(from_first.imag)
-        middle, turned = np.abs(value), phase[first] + np.angle(value)
-        apart = np.abs(from_first - value[place]) / size
-    worst = np.zeros(frequency.size)
-    np.maximum.at(worst, place, apart)
+    value = np.log(size) + 0j if phase is None else size * np.exp(1j * (phase - phase[first][place]))
+    mean = (np.bincount(place, value.real) + 1j * np.bincount(place, value.imag)) / count
+    apart = np.zeros(frequency.size)
+    np.maximum.at(apart, place, np.abs(value - mean[place]) / (1.0 if phase is None else size))
     times = f"{count.min()}" if count.min() == count.max() else f"up to {count.max()}"
     remarks.append(
         f"{int(np.sum(count > 1))} of {frequency.size} frequencies come {times} times and are averaged: "
-        f"they are up to {8.686 * float(worst.max()):.2g} dB off their mean"
+        f"they are up to {8.686 * float(apart.max()):.2g} dB off their mean"
     )
-    return frequency, middle, turned, np.maximum(mean(deviation), worst)
+    middle, turned = (np.exp(mean.real), None) if phase is None else (np.abs(mean), phase[first] + np.angle(mean))
+    return frequency, middle, turned, np.maximum(np.bincount(place, deviation) / count, apart)

@@ -64,7 +64,7 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
         raise BadInput("it is no text", "columns of numbers, as CSV has them")
     with path.open(encoding=encoding, errors="tactuator-windows") as stream:
         lines = _first_lines(stream)
-        if all(line.isspace() or is_comment(line, None) for line in lines):
+        if all(line.isspace() or is_comment(line, ";") for line in lines):
             raise BadInput(f"it is empty, or remarks fill its first {_MOST_REMARKS} lines", "columns of numbers")
         layout = find_layout(lines, path.suffix.lower())
         if layout is None:
@@ -72,8 +72,16 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
         rows = _Rows(stream, layout)
         blocks, cut = rows.numbers(most_rows, most_values)
     table = np.concatenate(blocks)
-    kept = [k for k, name in enumerate(layout.names) if not name.startswith("column") or np.isfinite(table[:, k]).any()]
+    kept = [k for k, name in enumerate(layout.names) if not _is_nothing_new(name, k, layout.names, table)]
     return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut, rows.footer)
+
+
+def _is_nothing_new(name: str, place: int, names: tuple[str, ...], table: FloatArray) -> bool:
+    """Return whether a column is without a name and empty, or the same as another of its name, as a second time is."""
+    stem, _, number = name.rpartition(".")
+    if number.isdigit() and stem in names[:place]:
+        return np.array_equal(table[:, place], table[:, names.index(stem)])
+    return name == f"column{place + 1}" and not np.isfinite(table[:, place]).any()
 
 
 def _first_lines(stream: TextIO) -> list[str]:
