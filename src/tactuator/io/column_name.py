@@ -32,13 +32,16 @@ _KINDS: Mapping[str, Mapping[str, float]] = {
 """Units by kind, each with its factor to the kind's own: Hz, s, rad, m, m/s, m/s², V, A, N, ohm."""
 QUANTITIES = ("displacement", "velocity", "acceleration")
 _WORDS = {
-    "displacement": ("displ", "posit", "deflec", "excurs", "stroke", "travel"),
-    "velocity": ("veloc", "speed"),
-    "acceleration": ("accel",),
-    "force": ("force", "torque", "mass", "weight"),
+    "displacement": "displ|posit|deflec|excurs|stroke|travel|(pos|disp)$",
+    "velocity": "veloc|speed|vel$",
+    "acceleration": "accel|acc$",
+    "force": "force|torque|mass|weight",
 }
-_SHORT = {"pos": "displacement", "disp": "displacement", "vel": "velocity", "acc": "acceleration"}
 _CANONICAL = {"volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A"}
+_SPELLINGS = (
+    ("\u00b5", "u"), ("\u03bc", "u"), ("\u00b2", "2"), ("^", ""), ("*", ""), ("\u00b7", ""), ("_", "/"), (" per ", "/"),
+    ("/per/", "/"), ("/s/2", "/s2"), ("/s/s", "/s2"), ("\u03c0 rad", "pi rad"),
+)  # fmt: skip
 _ONE_LETTER = "vsm"
 """Units of one letter that a name may end in as a small one: `command_v`; `_a` and `_n` are numbers of channels."""
 
@@ -62,15 +65,10 @@ _UNITS = {
 
 def unit_of(text: str) -> Unit | None:
     """Return the unit that a text names; None for another text. Raises BadInput for one that two units are."""
-    plain = text.strip(" .[](){}").replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b2", "2")
-    plain = (
-        re.sub(r"[\^*]|\u00b7", "", plain)
-        .replace("_", "/")
-        .replace(" per ", "/")
-        .replace("/per/", "/")
-        .removeprefix("in ")
-    )
-    plain = plain.replace("/s/2", "/s2").replace("/s/s", "/s2").replace("\u03c0 rad", "pi rad")
+    plain = text.strip(" .[](){}")
+    for other, usual in _SPELLINGS:
+        plain = plain.replace(other, usual)
+    plain = plain.removeprefix("in ")
     if plain in _UNITS:
         return _UNITS[plain]
     if re.match(r"(?i)db\b|db(?:v|u|m|spl|fs)\b", plain):
@@ -108,8 +106,8 @@ class ColumnName:
     @property
     def quantity(self) -> str:
         """Return the quantity by name and unit, "" where neither says it. Raises BadInput where they contradict."""
-        by_word = next((kind for kind, starts in _WORDS.items() if self.has(*starts)), "")
-        by_word = by_word or next((kind for word, kind in _SHORT.items() if word in self.words), "")
+        spoken = (kind for kind, starts in _WORDS.items() if any(re.match(starts, word) for word in self.words))
+        by_word = next(spoken, "")
         kind = self.unit.kind if self.unit.kind in QUANTITIES else ""
         if self.unit.text in ("g", "mg") and by_word != kind and not self.is_stated:
             allowed = f"acceleration in its name, or for acceleration {self.text + '=' + self.unit.text!r}"

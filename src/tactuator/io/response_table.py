@@ -110,8 +110,8 @@ def are_of_response(columns: Columns, asked: ResponseColumns = NO_NAMES) -> bool
     if roles & {"level", "magnitude", "real", "imaginary"}:
         return True
     has_time = any(column.unit.kind == "time" or column.has("time") or column.words == {"t"} for column in names)
-    is_plain = any(role_of(column) == "frequency" and column.words != {"f"} for column in names)
-    return is_plain and not has_time
+    is_sure = any(role_of(column) == "frequency" and (column.unit.kind or column.words != {"f"}) for column in names)
+    return is_sure and not has_time
 
 
 def read_response(path: Path, asked: ResponseColumns = NO_NAMES) -> FrequencyResponse:
@@ -263,15 +263,14 @@ class _Reader:
         """Return the relative standard error, by a confidence in decibels (95 %) or by the coherence of one average,
         and whether it is assumed.
         """
-        confidence = self.one("confidence", None, ("confidence",), ())
-        coherence = self.one("coherence", None, ("coherence",), ())
-        if confidence is not None:
+        if confidence := self.one("confidence", None, ("confidence",), ()):
             return np.maximum((10.0 ** (self.values(confidence) / 20.0) - 1.0) / 1.96, 1e-5), False
+        coherence = self.one("coherence", None, ("coherence",), ())
         if coherence is None:
             self.remarks.append("there is no confidence: 1 % of the magnitude is taken")
             return np.full(count, _TYPICAL), True
         share = self.values(coherence)
-        if not np.nanmax(share) <= 1.01 or np.nanmin(share) < 0.0:
+        if not (np.nanmax(share) <= 1.01 and np.nanmin(share) >= 0.0):
             got = f"{coherence.text!r} goes from {np.nanmin(share):.3g} to {np.nanmax(share):.3g}"
             raise BadInput(got, f"0 to 1, or --ignore {coherence.text!r}")
         self.remarks.append("the coherence is taken to be of one average")
