@@ -355,15 +355,16 @@ def _lapses(texts: Sequence[str]) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoreThresholds(Result):
-    """Thresholds of a store's finished runs, and the curve across subjects; is_curve_asked: a file of it was."""
+    """Thresholds of a store's finished runs, and the curve across subjects; not_written: why its
+    file was not."""
 
     results: StoreResults
-    is_curve_asked: bool = False
+    not_written: BadInput | None = None
 
     @property
     def ending(self) -> BaseException | None:
         """Return why there is no curve, if one was requested; the thresholds are printed all the same."""
-        return self.results.no_curve if self.is_curve_asked else None
+        return self.not_written
 
     def facts(self) -> Sequence[Fact]:
         thresholds, group = self.results.thresholds, self.results.group
@@ -416,7 +417,17 @@ class StoreThresholds(Result):
 
     def tables(self) -> Sequence[ResultTable | str]:
         measured = threshold_table(self.results.thresholds, shipped_words("en"))
-        return [measured, *([] if self.results.group is None else [self._curve(self.results.group)])]
+        curve = [] if self.results.group is None else [self._curve(self.results.group)]
+        return [measured, *curve, *([self._not_known()] if self.results.not_known else [])]
+
+    def _not_known(self) -> ResultTable:
+        """Return the frequencies at which people lie beyond what was played on both sides."""
+        rows = tuple(
+            (f"{hertz:.4g}", f"{row.low_db:.1f} to {row.high_db:.1f}", f"{row.people} ({row.censored})")
+            for hertz, row in self.results.not_known.items()
+        )
+        columns = ("Hz", "dB re 1 µm", "people (beyond what was played)")
+        return ResultTable("mean across subjects not known from either side", columns, rows)
 
     def _curve(self, group: GroupCurve) -> ResultTable:
         """Return the curve across subjects as a table, beside it the one with, or without, doubtful thresholds."""
@@ -450,7 +461,8 @@ def _point(group: GroupCurve, hertz: float) -> tuple[str, str]:
     level, error = group.curve.level_db_re_1um[at[0]], group.curve.standard_error_db[at[0]]
     sign = {"": "", ">=": "≥ ", "<=": "≤ "}[group.bound[at[0]]]
     beyond = f" ({group.censored[at[0]]})" if group.censored[at[0]] else ""
-    return f"{sign}{level:.1f} ± {error:.1f}", f"{group.subjects[at[0]]}{beyond}"
+    spread = "" if sign else f" ± {error:.1f}"
+    return f"{sign}{level:.1f}{spread}", f"{group.subjects[at[0]]}{beyond}"
 
 
 def thresholds(
@@ -475,8 +487,12 @@ def thresholds(
     """
     with working("refitting the runs"):
         results = store_results(store, group, reference, leave_out or [])
+    refused = None if curve_out is None else results.no_curve
     if results.group is not None and curve_out is not None:
-        write_curve(Path(curve_out), results.group.curve, results.circumstances)
+        try:
+            write_curve(Path(curve_out), results.group.curve, results.circumstances)
+        except BadInput as error:
+            refused = error
     if figures is not None:
         folder = Path(figures)
         new = None if results.group is None else results.group.curve
@@ -484,7 +500,7 @@ def thresholds(
         report.felt_figures.thresholds_figure(results.people, results.reference, new, others).save(folder)
         for subject, trials in results.psychometric.items():
             report.felt_figures.psychometric_figure(subject, trials).save(folder)
-    return StoreThresholds(results, curve_out is not None)
+    return StoreThresholds(results, refused)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

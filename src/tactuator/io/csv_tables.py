@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -46,10 +46,15 @@ class _Sheet:
         place = self.names.index(name)
         return [row[place] if place < len(row) else None for row in self.rows]
 
-    def numbers(self, name: str) -> FloatArray:
-        """Return a column of numbers, (n,). Raises BadInput with the row that has none; the names are row 1."""
+    def numbers(self, name: str, spared: Sequence[bool] = ()) -> FloatArray:
+        """Return a column of numbers, (n,). Raises BadInput with the row that has none; the names are row 1.
+
+        spared: rows whose cell may be empty, which is 0 then.
+        """
         values = []
         for row, cell in enumerate(self.cells(name), start=2):
+            if not cell and spared and spared[row - 2]:
+                cell = "0"
             value = None if cell is None else _number(cell)
             if value is None:
                 raise BadInput(
@@ -58,9 +63,9 @@ class _Sheet:
             values.append(value)
         return np.array(values)
 
-    def optional(self, name: str) -> FloatArray | None:
-        """Return a column of numbers, or None where the table has no such column."""
-        return self.numbers(name) if name in self.names else None
+    def optional(self, name: str, spared: Sequence[bool] = ()) -> FloatArray | None:
+        """Return a column of numbers, or None where the table has no such column; spared: as `numbers` takes it."""
+        return self.numbers(name, spared) if name in self.names else None
 
 
 @contextmanager
@@ -78,6 +83,9 @@ def _sheet(noun: str, kind: str, path: Path, *needed: str) -> Iterator[_Sheet]:
             raise BadInput(
                 f"no column {', '.join(lacks)} ({of})" if lacks else of, f"{', '.join(needed)}, a row or more"
             )
+        for number, row in enumerate(rows[1:], start=2):
+            if any(row[len(names) :]):  # a decimal comma, say, where commas part the cells
+                raise BadInput(f"row {number} has {len(row)} cells under {len(names)} names", "a name for each cell")
         yield _Sheet(_head(table.remarks()), names, rows[1:])
 
 
@@ -127,9 +135,12 @@ def read_curve(path: str | Path) -> ThresholdCurve:
         if level is None:
             acceleration = sheet.numbers(_ACCELERATION)
             level = level_from_acceleration(frequency, np.where(acceleration > 0.0, acceleration, np.nan))
-        error = sheet.optional(_ERROR)
+        bound = [cell or "" for cell in sheet.cells("bound")] if "bound" in sheet.names else []
+        error = sheet.optional(_ERROR, [bool(cell) for cell in bound])
+        if others := set(bound) - {"", ">=", "<="}:
+            raise BadInput(repr(min(others)), 'empty, ">=" or "<="', key="bound")
     head = sheet.head
-    return ThresholdCurve(
+    read = ThresholdCurve(
         head.get("name", path.stem),
         frequency,
         level,
@@ -137,7 +148,10 @@ def read_curve(path: str | Path) -> ThresholdCurve:
         head.get("source", path.name),
         error,
         _contact(head, path),
+        cast("Any", tuple(bound)) if any(bound) else None,
     )
+    read.require_measured()
+    return read
 
 
 def _head(remarks: Sequence[str]) -> dict[str, str]:
@@ -182,7 +196,11 @@ def read_relative_curve(path: str | Path) -> RelativeCurve:
 def write_curve(
     path: str | Path, threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[object]] | None = None
 ) -> None:
-    """Write a curve so that `read_curve` gives it back; circumstances as `curve_text` has them."""
+    """Write a curve so that `read_curve` gives it back; circumstances as `curve_text` has them.
+
+    Raises BadInput for a curve of bounds alone.
+    """
+    threshold.require_measured()
     write_text(path, curve_text(threshold, circumstances))
 
 
@@ -191,11 +209,13 @@ def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[o
 
     circumstances: further columns by name, one cell for each point, which say how the curve was measured.
     """
-    errors = threshold.standard_error_db
+    bound = threshold.bound or ("",) * threshold.frequency_hz.size
+    errors = [] if threshold.standard_error_db is None else threshold.standard_error_db.tolist()
     columns: dict[str, Sequence[object]] = {
         "frequency_hz": threshold.frequency_hz.tolist(),
         _LEVEL: threshold.level_db_re_1um.tolist(),
-        **({} if errors is None else {_ERROR: errors.tolist()}),
+        **({_ERROR: ["" if sign else error for error, sign in zip(errors, bound, strict=True)]} if errors else {}),
+        **({"bound": bound} if any(bound) else {}),
         **(circumstances or {}),
     }
     return _text(_head_text(threshold), columns, zip(*columns.values(), strict=True))

@@ -101,7 +101,8 @@ def _sound_card(table: Document, channels: list[Document]) -> SoundCard:
 
 
 def with_curve(display: Display, curve: ThresholdCurve) -> Display:
-    """Return the display with `curve` in place of every channel's own."""
+    """Return the display with `curve` in place of every channel's own. Raises BadInput for one of bounds alone."""
+    curve.require_measured()
     channels = (replace(channel, threshold=replace(channel.threshold, curve=curve)) for channel in display.channels)
     return replace(display, channels=tuple(channels))
 

@@ -86,6 +86,8 @@ def _channel_document(channel: Channel) -> dict[str, Any]:
     given, threshold = channel.feedback.controller, plain(channel.threshold)
     if not channel.threshold.curve.contact.said:
         del threshold["curve"]["contact"]
+    if channel.threshold.curve.bound is None:
+        del threshold["curve"]["bound"]
     tables: dict[str, Any] = {
         **_own(channel),
         **plain(channel.converter),
@@ -408,8 +410,12 @@ class Channel:
         return "" if whole else f"band_hz is [{low:g}, {high:g}], but {self.known_words}"
 
     def contact_notices(self) -> Iterator[str]:
-        """Yield where the curve or the contours were felt otherwise than the channel is, in sentences."""
+        """Yield where the curve or the contours were felt otherwise than the channel is, and what of the curve is not
+        known, in sentences.
+        """
         curve, contours = self.threshold.curve, self.strength.contours
+        if curve.bounds_said:
+            yield f"{self.name}: the threshold curve {curve.name} is {curve.bounds_said}"
         given = [(f"the threshold curve {curve.name} was", curve.contact)]
         if contours is not None:
             given.append((f"the contours {contours.name} were", contours.contact))

@@ -83,6 +83,8 @@ class ThresholdCurve(Result):
     frequency_hz, level_db_re_1um: shape (n,), n >= 3. Between the points the level is linear in log frequency; beyond
     them it is held constant, so that DC has a meaning. standard_error_db: shape (n,), where the curve was measured.
     provenance: how the numbers came about; source: one line for a figure's caption. contact: where it was felt.
+    bound: of each point, ">=" or "<=" where the threshold is known from that side alone, "" where it was measured; None
+    where no point is a bound.
 
     Raises BadInput for fewer than three points, frequencies that are not positive and strictly ascending, or numbers
     that are not finite.
@@ -95,6 +97,7 @@ class ThresholdCurve(Result):
     source: str = ""
     standard_error_db: Numbers | None = None
     contact: Contact = field(default_factory=Contact)
+    bound: tuple[Literal["", ">=", "<="], ...] | None = None
 
     __repr__ = Result.__repr__
 
@@ -139,6 +142,19 @@ class ThresholdCurve(Result):
         errors = self.standard_error_db
         if errors is not None and errors.shape != frequency.shape:
             raise BadInput(f"{errors.size} standard errors for {frequency.size} points", "one each")
+        if self.bound is not None and len(self.bound) != frequency.size:
+            raise BadInput(f"{len(self.bound)} bounds for {frequency.size} points", "one each")
+
+    @property
+    def bounds_said(self) -> str:
+        """Return which points are bounds, as a person reads it; "" for none."""
+        points = [f"{sign} at {hertz:g}" for hertz, sign in zip(self.frequency_hz, self.bound or (), strict=False) if sign]
+        return f"known from one side alone, {', '.join(points)} Hz" if points else ""
+
+    def require_measured(self) -> None:
+        """Raise BadInput for a curve of bounds alone: nobody's threshold is known at any of its points."""
+        if self.bound is not None and all(self.bound):
+            raise BadInput(f"threshold curve {self.name}: no point is measured, all are bounds", "one measured or more")
 
     def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""

@@ -127,7 +127,8 @@ def thresholds_figure(
         f"Detection thresholds of {', '.join(person.name for person in people)} with their standard errors, over the "
         f"curve of the design ({library.name}, {library.provenance})"
     )
-    caption += "; dashed: the new curve, with its standard error." if new is not None else "."
+    known = f" ({new.bounds_said})" if new is not None and new.bounds_said else ""
+    caption += f"; dashed: the new curve, with its standard error{known}." if new is not None else "."
     flags = np.concatenate([np.zeros(p.frequency_hz.size, bool) if p.flagged is None else p.flagged for p in people])
     bounds = [bound for person in people for bound in person.bound or [""] * person.frequency_hz.size]
     crossed, beyond = int(flags.sum()), sum(bound != "" for bound in bounds)
@@ -179,6 +180,10 @@ def _draw_person(axes: Axes, person: PersonThresholds, at: FloatArray, index: in
 _ARROW_DB = 5.0
 
 
+def _said_of(curve: ThresholdCurve) -> str:
+    return "; ".join(filter(None, [f"{curve.provenance}: {curve.source}", curve.bounds_said]))
+
+
 def threshold_figure(curve: ThresholdCurve) -> ReportFigure:
     """Draw the level of the threshold (dB re 1 um peak) against frequency, and the range up to comfort above it."""
     low, high = float(curve.frequency_hz[0]), float(curve.frequency_hz[-1])
@@ -193,7 +198,7 @@ def threshold_figure(curve: ThresholdCurve) -> ReportFigure:
     ]
     chart = Chart(FREQUENCY, "peak displacement (dB re 1 µm)", curves, True)
     caption = (
-        f"Human detection threshold, curve “{curve.name}” ({curve.provenance}: {curve.source}), and the range of "
+        f"Human detection threshold, curve “{curve.name}” ({_said_of(curve)}), and the range of "
         f"comfortable levels above it. Points: the curve's own; lines: linear in dB over log frequency."
     )
     table = {"frequency_hz": curve.frequency_hz.tolist(), "level_db_re_1um": curve.level_db_re_1um.tolist()}

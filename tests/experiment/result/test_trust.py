@@ -30,11 +30,13 @@ from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_curve, write_curve
+from tactuator.io.display import parse_display, with_curve
+from tactuator.model.description import display_document
 from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.plain import finite
 from tactuator.report.felt_figures import psychometric_figure, thresholds_figure
-from tests.experiment.session.apparatuses import PROTOCOL, apparatus
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus, controller
 
 LIBRARY = library.curve("bolanowski-1988")
 DEAF = RelativeCurve(np.array([10.0]), np.array([90.0]), "feels nothing")
@@ -151,13 +153,26 @@ def test_group_curve__of_two_studies__counts_people_and_is_read_back(study, tmp_
     assert set(psychometric_trials(detection_runs(study[0]), felt)) == {"S1"}
     store, _ = study
     runs = detection_runs(store)
-    group = group_curve(thresholds(runs), LIBRARY, (0.4, 300.0))
+    everybody = group_curve(thresholds(runs), LIBRARY, (0.4, 300.0))
+    with pytest.raises(BadInput, match="no point is measured"):
+        write_curve(tmp_path / "curve.csv", everybody.curve, circumstances(everybody, runs))
+    kept = [one for one in thresholds(runs) if one.subject == "S1" or one.frequency_hz == 200.0]
+    group = group_curve(kept, LIBRARY, (0.4, 300.0))
     assert group.curve.covers(0.4, 300.0)
     write_curve(tmp_path / "curve.csv", group.curve, circumstances(group, runs))
     back = read_curve(tmp_path / "curve.csv")
     assert back.provenance == back.name == "simulated"
     assert "nobody felt it" in back.source
     assert back.level_db_re_1um == pytest.approx(group.curve.level_db_re_1um, abs=1e-3)
+    assert back.bound == group.bound == ("", "", "", ">=", ">=")
+    assert back.bounds_said == "known from one side alone, >= at 200, >= at 300 Hz"
+    assert back.bounds_said in thresholds_figure(person_thresholds(kept), LIBRARY, back).caption
+    with pytest.raises(BadInput, match="no point is measured"):
+        with_curve(controller().display, everybody.curve)
+    designed = with_curve(controller().display, back)
+    assert any(back.bounds_said in notice for notice in designed.channels[0].contact_notices())
+    document = display_document(designed)
+    assert parse_display(document).channels[0].threshold.curve.bound == back.bound
     lines = [line for line in (tmp_path / "curve.csv").read_text().splitlines() if not line.startswith("#")]
     row = next(csv.DictReader(lines))
     assert (row["contact_area_mm2"], row["site"], row["surround"]) == ("78.5", "", "")

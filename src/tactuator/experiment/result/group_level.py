@@ -17,6 +17,8 @@ import scipy
 
 from tactuator.arrays import FloatArray
 
+BETWEEN = "between"
+"""Bound of a mean that is not known from either side."""
 _LEAST_SPREAD_DB, _MOST_SPREAD_DB = 0.1, 60.0
 _REACH_DB = 200.0
 _STEP = 1e-3
@@ -25,7 +27,8 @@ _STEP = 1e-3
 @dataclass(frozen=True)
 class GroupLevel:
     """Mean level of a group, dB. bound: ">=" or "<=" where so many are censored that the mean is known from one side
-    alone. people, censored: their numbers, the censored among them.
+    alone: it has no standard error then (NaN). BETWEEN: people lie beyond on both sides, and there is no level (NaN).
+    people, censored: their numbers, the censored among them. low_db, high_db: the levels beyond which they lie.
     """
 
     level_db: float
@@ -33,23 +36,30 @@ class GroupLevel:
     bound: str
     people: int
     censored: int
+    low_db: float = float("nan")
+    high_db: float = float("nan")
 
 
 def group_level(level_db: FloatArray, sd_db: FloatArray, bound: Sequence[str]) -> GroupLevel:
     """Return the mean of people's levels (people,), each with the standard deviation of its measurement, by their
-    bounds: "", or ">=" and "<=" of those who lie beyond their level. The standard error is that between people, and
+    bounds: "", or ">=" and "<=" of those who lie beyond their level, BETWEEN of those of whom both is known. The
+    standard error is that between people, and
     not below what the single levels are known to.
 
-    With fewer than two people measured and some censored, the mean of all is a bound.
+    With fewer than two people measured and some censored, the mean of all is a bound, or not known from either side.
     """
-    side = np.array([{"": 0.0, ">=": 1.0, "<=": -1.0}[each] for each in bound])
+    nothing_known = np.array([each == BETWEEN for each in bound])
+    side = np.array([{"": 0.0, ">=": 1.0, "<=": -1.0, BETWEEN: np.nan}[each] for each in bound])
     censored, people = int(np.count_nonzero(side)), side.size
     known = float(np.sqrt(np.sum(sd_db**2)) / people)
     if censored and people - censored < 2:
-        beyond = ">=" if np.any(side > 0.0) else "<="
-        return GroupLevel(float(level_db.mean()), known, beyond, people, censored)
+        sides = {each for each in bound if each}
+        if len(sides) > 1 or BETWEEN in sides:
+            nan = float("nan")
+            return GroupLevel(nan, nan, BETWEEN, people, censored, float(level_db.min()), float(level_db.max()))
+        return GroupLevel(float(level_db.mean()), float("nan"), sides.pop(), people, censored)
     if censored:
-        mean, error = _censored_normal(level_db, side)
+        mean, error = _censored_normal(level_db[~nothing_known], side[~nothing_known])
     else:
         spread = float(np.std(level_db, ddof=1)) if people > 1 else float("nan")
         mean, error = float(level_db.mean()), spread / np.sqrt(people)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
-from tactuator.experiment.result.group_level import GroupLevel, group_level
+from tactuator.experiment.result.group_level import BETWEEN, GroupLevel, group_level
 from tactuator.experiment.result.played import catch_kinds
 from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, fitted, names_of_people
 from tactuator.experiment.store.store import Store
@@ -128,7 +128,8 @@ class GroupCurve:
 
     subjects, censored: number of people at each point, and of those among them whose threshold lies beyond what was
     played (0: extended to the band's edge, not measured). bound: of each point, ">=" or "<=" where it is known from
-    one side alone. left_out: thresholds that were not taken in.
+    one side alone. left_out: thresholds that were not taken in. Frequencies at which the mean is not known from either
+    side have no point.
     """
 
     curve: ThresholdCurve
@@ -154,15 +155,16 @@ def group_curve(
     are not there.
     """
     kept, left_out = _parted(measured, leave_out)
-    frequency_hz = np.array(sorted({threshold.frequency_hz for threshold in kept}))
+    levels = group_levels(kept)
+    open_hz = [hertz for hertz, row in levels.items() if row.bound == BETWEEN]
+    rows = [row for row in levels.values() if row.bound != BETWEEN]
+    frequency_hz = np.array([hertz for hertz, row in levels.items() if row.bound != BETWEEN])
     if frequency_hz.size < POINTS_MIN:
         without = f", {len(left_out)} thresholds left out" if left_out else ""
+        without += f", {len(open_hz)} known from neither side" if open_hz else ""
         raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}", "three or more")
-    rows = [
-        _mean([threshold for threshold in kept if threshold.frequency_hz == frequency])
-        for frequency in frequency_hz.tolist()
-    ]
-    level, error = np.array([row.level_db for row in rows]), np.array([row.standard_error_db for row in rows])
+    level = np.array([row.level_db for row in rows])
+    error = np.array([0.0 if row.bound else row.standard_error_db for row in rows])
     counts = [(row.people, row.censored, row.bound) for row in rows]
     for edge, end in ((band_hz[0], 0), (band_hz[1], -1)):
         if (edge < frequency_hz[0]) if end == 0 else (edge > frequency_hz[-1]):
@@ -173,8 +175,10 @@ def group_curve(
             frequency_hz = np.insert(frequency_hz, place, edge)
             counts.insert(place, (0, 0, counts[end][2]))
     simulated = any(threshold.simulated for threshold in kept)
-    curve = _curve(frequency_hz, level, error, kept, reference, simulated)
     subjects, censored, bound = zip(*counts, strict=True)
+    unknown = f"; not known from either side at {', '.join(f'{hertz:g}' for hertz in open_hz)} Hz" if open_hz else ""
+    curve = _curve(frequency_hz, level, error, kept, reference, simulated, unknown)
+    curve = replace(curve, bound=bound if any(bound) else None)
     return GroupCurve(curve, subjects, censored, bound, tuple(left_out))
 
 
@@ -204,16 +208,24 @@ def is_doubtful(threshold: MeasuredThreshold) -> bool:
 
 def _curve(
     frequency_hz: FloatArray, level: FloatArray, error: FloatArray, kept: Sequence[MeasuredThreshold],
-    reference: ThresholdCurve, simulated: bool,
+    reference: ThresholdCurve, simulated: bool, unknown: str,
 ) -> ThresholdCurve:  # fmt: skip
     subjects = len({(threshold.study_number, threshold.subject) for threshold in kept})
     who = "simulated, nobody felt it: " if simulated else ""
     source = (
         f"{who}mean of {subjects} subjects on the display, each point at {100.0 * kept[0].point:.1f} % correct; "
-        f"ends beyond the measured frequencies follow {reference.name}"
+        f"ends beyond the measured frequencies follow {reference.name}{unknown}"
     )
     provenance: Provenance = "simulated" if simulated else "measured"
     return ThresholdCurve(provenance, frequency_hz, level, provenance, source, error)
+
+
+def group_levels(measured: Sequence[MeasuredThreshold]) -> dict[float, GroupLevel]:
+    """Return the mean level of the people at each frequency, in order."""
+    by_frequency: dict[float, list[MeasuredThreshold]] = {}
+    for threshold in sorted(measured, key=lambda each: each.frequency_hz):
+        by_frequency.setdefault(threshold.frequency_hz, []).append(threshold)
+    return {hertz: _mean(mine) for hertz, mine in by_frequency.items()}
 
 
 def _mean(measured: Sequence[MeasuredThreshold]) -> GroupLevel:
@@ -224,7 +236,12 @@ def _mean(measured: Sequence[MeasuredThreshold]) -> GroupLevel:
     each = [of_subject[subject] for subject in sorted(of_subject)]
     levels = np.array([np.mean([threshold.level_db_re_1um for threshold in mine]) for mine in each])
     within = np.array([np.sqrt(np.nansum([threshold.sd_db**2 for threshold in mine])) / len(mine) for mine in each])
-    return group_level(levels, within, [max((threshold.bound for threshold in mine), key=len) for mine in each])
+    sides = [{threshold.bound for threshold in mine} - {""} for mine in each]
+    row = group_level(levels, within, [BETWEEN if len(side) > 1 else "".join(side) for side in sides])
+    if row.bound != BETWEEN:
+        return row
+    played = [threshold.level_db_re_1um for threshold in measured]
+    return replace(row, low_db=min(played), high_db=max(played))
 
 
 def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, Sequence[object]]:
@@ -284,6 +301,7 @@ class StoreResults:
     subjects, with who is behind it and what was left out. no_curve: the reason, if group is None. beside:
     where there are doubtful thresholds, the same curve without them, or with them where they were left out (None: there
     is none); beside_is says which. not_refitted: runs that have no threshold, each with the reason.
+    not_known: frequencies (Hz) at which the mean is not known from either side.
     """
 
     runs: tuple[StoredRun, ...]
@@ -294,6 +312,7 @@ class StoreResults:
     beside: GroupCurve | None = None
     beside_is: str = ""
     not_refitted: tuple[tuple[StoredRun, str], ...] = ()
+    not_known: Mapping[float, GroupLevel] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -322,6 +341,7 @@ class StoreResults:
             "curve_beside": None if self.beside is None else _points(self.beside),
             "doubtful": [_named(each) for each in doubtful],
             "left_out": [_named(each) for each in left_out],
+            "not_known": [{"frequency_hz": hertz, **vars(row)} for hertz, row in self.not_known.items()],
             "not_refitted": [{"run": run.run.id, "reason": reason} for run, reason in self.not_refitted],
         }
 
@@ -364,7 +384,9 @@ def store_results(
     if any(is_doubtful(threshold) for threshold in measured):
         beside, _ = _across(measured, original, band_hz, sorted(set(leave_out) ^ {FLAGGED}))
     which = f"{'with' if FLAGGED in leave_out else 'without'} those flagged"
-    return StoreResults(runs, original, measured, across, refused, beside, which, of_runs.refused)
+    levels = group_levels(_parted(measured, leave_out)[0])
+    not_known = {hertz: row for hertz, row in levels.items() if row.bound == BETWEEN}
+    return StoreResults(runs, original, measured, across, refused, beside, which, of_runs.refused, not_known)
 
 
 def _across(
