@@ -148,7 +148,9 @@ class ThresholdCurve(Result):
     @property
     def bounds_said(self) -> str:
         """Return which points are bounds, as a person reads it; "" for none."""
-        points = [f"{sign} at {hertz:g}" for hertz, sign in zip(self.frequency_hz, self.bound or (), strict=False) if sign]
+        points = [
+            f"{sign} at {hertz:g}" for hertz, sign in zip(self.frequency_hz, self.bound or (), strict=False) if sign
+        ]
         return f"known from one side alone, {', '.join(points)} Hz" if points else ""
 
     def require_measured(self) -> None:

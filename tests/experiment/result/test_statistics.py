@@ -46,7 +46,9 @@ def test_group_level__nobody_censored_or_one_measured__is_the_mean_or_a_bound() 
         assert (open_.bound, open_.low_db, open_.high_db) == ("between", 8.0, 30.0)
         assert math.isnan(open_.level_db)
     two, one = np.array([8.0, 12.0, 16.0]), ["", "", "between"]
-    assert group_level(two, np.zeros(3), one).level_db == pytest.approx(10.0, abs=1e-3)  # who tells nothing adds nothing
+    assert group_level(two, np.zeros(3), one).level_db == pytest.approx(
+        10.0, abs=1e-3
+    )  # who tells nothing adds nothing
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6])
