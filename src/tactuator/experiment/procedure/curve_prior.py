@@ -6,7 +6,13 @@ a rough one (Matern 3/2), a walk with sudden steps (exponential kernel) and one 
 beyond which the loss is another. All amplitudes are standard deviations of normal variables (Rasmussen & Williams 2006,
 chapter 4); that of a notch, which is a loss, has a mean.
 
-Normal people differ little from the display's curve. A broad loss raises or tilts all of it; a local one is a notch, an
+Normal people differ little from the display's curve, some of them smoothly and some also from one frequency to the
+next. Without this roughness a smooth curve passes through thresholds that scatter about it. Answers pooled over them
+rise more slowly than those at any one of them and reach the target share, which lies above the middle of the rise, at
+too high a level: a scatter of 2 dB was read 0.5 dB too high. The rough kind runs beside the smooth one because the
+same roughness in every curve costs smooth people accuracy, and the evidence tells the two apart.
+
+A broad loss raises or tilts all of it; a local one is a notch, an
 edge or several steps. A loss of one channel is bounded by the other: where the Pacinian channel is lost, the threshold
 rises with frequency above the knee at which the two meet, until it meets the loss; where the others are lost, it rises
 towards lower frequencies. One kind wide enough for all of them needs many more trials for normal people; a narrow one
@@ -125,6 +131,8 @@ class CurveKind:
         return weights, np.asarray(np.maximum(alone - np.einsum("og,go->o", weights, across), 0.0))
 
 
+_ROUGH_DECADES = 0.05
+"""Length of roughness: neighbours on the grid of points share next to nothing of it."""
 _NOTCH_DECADES = (0.05, 0.09, 0.16, 0.3)
 """Widths of notches: neighbours are closer than the trials of a run can resolve."""
 _LOST_SHARES = (0.4, 0.7, 1.0)
@@ -142,6 +150,8 @@ class CurveShares:
     normal_offset_db: Annotated[Positive, Field(description="offset of normal curves")] = 4.0
     normal_tilt_db_per_decade: Annotated[Positive, Field(description="tilt of normal curves")] = 2.5
     normal_wave_db: Annotated[Positive, Field(description="smooth wave of normal curves")] = 2.0
+    rough_share: Annotated[Share, Field(description="people with a normal curve that is rough")] = 0.5
+    rough_db: Annotated[Positive, Field(description="roughness from one frequency to the next")] = 3.0
     broad_share: Annotated[Share, Field(description="people with a loss over the whole band")] = 0.12
     broad_mean_db: Annotated[Number, Field(description="mean of such a loss")] = 8.0
     broad_offset_db: Annotated[Positive, Field(description="spread of such a loss")] = 15.0
@@ -204,7 +214,9 @@ class CurvePrior(CurveShares):
             CurveKind("normal", 0.25 * share, 0.0, offset, 0.6 * tilt, 0.4 * wave, 0.5),
             CurveKind("normal", 0.35 * share, 0.0, offset, tilt, wave),
             CurveKind("normal", 0.40 * share, 0.0, offset, tilt, 1.7 * wave, 0.25),
-        ]
+            CurveKind("rough", self.rough_share, 0.0, offset, 0.8 * tilt, 1.3 * wave, 0.3,
+                      self.rough_db, _ROUGH_DECADES),
+        ]  # fmt: skip
 
     def _lossy(self) -> list[CurveKind]:
         offset, wave, part = self.normal_offset_db, 1.5 * self.normal_wave_db, self.channel_share / len(_LOST_SHARES)

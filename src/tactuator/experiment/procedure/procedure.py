@@ -12,6 +12,7 @@ from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
@@ -297,6 +298,8 @@ class Practice(Runs):
 
 
 _PROBABILITY_MARGIN = 1e-6
+_WEIBULL_SPREAD_DB = float(np.pi / np.sqrt(6.0) * 20.0 / np.log(10.0))
+"""Standard deviation over dB of a Weibull in amplitude of slope 1; it falls as the slope rises."""
 
 
 def psi_at(level_db: FloatArray, slope: FloatArray, lapse: FloatArray, guess: float, target: float) -> FloatArray:
@@ -311,8 +314,10 @@ class Answering:
     """Psychometric functions of a detection task that a procedure thinks possible, with their prior probabilities.
 
     slopes: of the Weibull in amplitude, equally probable. lapses, lapse_shares: lapse rates and their probabilities.
-    guess: probability of a right guess. target: share correct at threshold, lapses included. Raises BadInput unless 0
-    <= guess < target < 1 - lapse for every lapse.
+    guess: probability of a right guess. target: share correct at threshold, lapses included. normal_share: share of a
+    cumulative normal over dB in the shape, the rest being the Weibull of the same spread: a run has too few trials to
+    tell the two shapes apart, and people of either are read with half the bias. Raises BadInput unless 0 <= guess <
+    target < 1 - lapse for every lapse.
     """
 
     slopes: tuple[float, ...] = (0.8, 1.4, 2.1, 3.2)
@@ -320,6 +325,7 @@ class Answering:
     lapse_shares: tuple[float, ...] = (0.55, 0.3, 0.15)
     guess: float = GUESS
     target: float = TARGET_3_DOWN_1_UP
+    normal_share: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.slopes or min(self.slopes) <= 0.0 or len(self.lapses) != len(self.lapse_shares):
@@ -338,7 +344,13 @@ class Answering:
 
     def psi(self, level_db: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return the probability of a correct response at level_db relative to threshold; arguments broadcast."""
-        return psi_at(level_db, slope, lapse, self.guess, self.target)
+        psi = psi_at(level_db, slope, lapse, self.guess, self.target)
+        if self.normal_share == 0.0:
+            return psi
+        height = 1.0 - self.guess - lapse
+        deviate = scipy.special.ndtri((self.target - self.guess) / height) + level_db * slope / _WEIBULL_SPREAD_DB
+        normal = self.guess + height * scipy.special.ndtr(deviate)
+        return np.asarray(psi + self.normal_share * (normal - psi))
 
     def log_chance(self, correct: NDArray[np.bool_]) -> FloatArray:
         """Return the log probability of each answer if it was guessed."""

@@ -11,7 +11,7 @@ where the evidence is highest, and s is normal with mean i times the drift and v
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -39,6 +39,8 @@ from tactuator.perception.curve import Level
 
 _PICTURE_POINTS, _JUDGED_TRIALS_MIN = 60, 40
 """Frequencies of the drawn curve, and trials from which guessing is reported."""
+_PEOPLE = Answering(slopes=(0.8, 1.3, 2.1, 3.4, 5.5), normal_share=0.5)
+"""Slopes of spreads from 2 to 14 dB, each 1.6 times the next."""
 
 
 @table("[procedure]")
@@ -66,13 +68,13 @@ class WholeCurve(Procedure):
         return self.prior_at(playable).frequency_hz
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> CurveRuns:
-        return CurveRuns(self, CurveBelief(self.prior_at(playable), Answering(guess=guess), count))
+        return CurveRuns(self, CurveBelief(self.prior_at(playable), replace(_PEOPLE, guess=guess), count))
 
     def curve(
         self, guess: float, playable: Playable, frequency_hz: FloatArray, level_db_sl: FloatArray,
         correct: NDArray[np.bool_],
     ) -> MeasuredCurve:  # fmt: skip
-        belief = CurveBelief(self.prior_at(playable), Answering(guess=guess))
+        belief = CurveBelief(self.prior_at(playable), replace(_PEOPLE, guess=guess))
         at = belief.prior.frequency_hz
         points = np.argmin(np.abs(np.log(frequency_hz[:, None] / at)), axis=1)
         trials = Trials(points[None, :], level_db_sl[None, :], correct[None, :])
