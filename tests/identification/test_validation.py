@@ -132,14 +132,14 @@ def off_db(record: Record) -> float:
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (lambda folder: written(folder, np.r_[:HALF, :HALF]), "time goes back in row"),
+        (lambda folder: written(folder, np.r_[:HALF, HALF - 2 : TIME.size]), "time goes back in row"),
         (lambda folder: written(folder, np.r_[:HALF, HALF + 400 : TIME.size]), "400 of .* samples are missing"),
         (
             lambda folder: written(folder, np.s_[:], position=np.where(ODD, np.nan, POSITION)),
-            rf"position is not a number in row 2 of {TIME.size} and in {TIME.size // 2 - 1} more; expected numbers",
+            rf"position is not a number in row 2 of {TIME.size - 1} and in {TIME.size // 2 - 2} more; expected numbers",
         ),
     ],
-    ids=["two runs pasted", "a long gap", "half of it missing"],
+    ids=["rows twice", "a long gap", "half of it missing"],
 )
 def test_read_record__that_is_amiss__is_refused_in_one_line(tmp_path, make, reason) -> None:
     with pytest.raises(BadInput, match=reason) as caught:

@@ -34,8 +34,8 @@ from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
 from tactuator.io.column_name import NO_UNIT, QUANTITIES, unit_of
 from tactuator.io.csv_tables import read_pairs
-from tactuator.io.record import read_measured, read_record, write_record
-from tactuator.io.response_table import ResponseColumns
+from tactuator.io.record import read_record, read_runs, write_record
+from tactuator.io.response_table import NO_NAMES, ResponseColumns
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.result import Fact, Result
@@ -298,17 +298,18 @@ def identify(
     names["rate_hz"] = rate_hz
     columns = ResponseColumns(frequency, magnitude, phase, real, imaginary, tuple(ignore))
     source, *more = paths(records)
-    first = source if isinstance(source, Record | FrequencyResponse) else read_measured(Path(source), columns, **names)
-    _require_quantity(first, asked.quantity)
+    span = {"from_s": from_s, "to_s": to_s}
+    first = source if isinstance(source, FrequencyResponse) else _read(source, columns, names | span)
     fit: Identification | ResponseFit
     if isinstance(first, FrequencyResponse):
+        _require_quantity(first, asked.quantity)
         if more or paths(validate):
             raise BadInput("a frequency response beside other files", "one response by itself")
         fit = _response_model(first, asked)
     else:
-        others, unseen = ([_read(each, names) for each in given] for given in (more, paths(validate)))
-        parts = [_part_of(record, from_s, to_s) for record in (first, *(record for _, record in others))]
-        fit = _record_model(parts, unseen, asked)
+        _require_quantity(first[0], asked.quantity)
+        parts = [*first, *(run for each in more for run in _runs(each, names | span))]
+        fit = _record_model(parts, [_unseen(each, names) for each in paths(validate)], asked)
     if out is not None:
         fit = replace(fit, out=Path(out))
         fit.write(out)
@@ -325,7 +326,24 @@ def _require_quantity(given: Record | FrequencyResponse, quantity: str) -> None:
         raise BadInput(f"{quantity!r}, while the position is in {unit}", f"{kind!r}, or another unit", key="quantity")
 
 
-def _read(source: Record | Place, names: Mapping[str, Any]) -> tuple[str, Record]:
+def _read(
+    source: Record | Place, columns: ResponseColumns, names: Mapping[str, Any]
+) -> list[Record] | FrequencyResponse:
+    """Return the runs of a record or of its file between two times, or the response that a file has."""
+    if isinstance(source, Record):
+        return [_part_of(source, names["from_s"], names["to_s"])]
+    return read_runs(Path(source), columns, **names)
+
+
+def _runs(source: Record | Place, names: Mapping[str, Any]) -> list[Record]:
+    """Return the runs of a record. Raises BadInput for a file that has a response."""
+    read = _read(source, NO_NAMES, names)
+    if isinstance(read, FrequencyResponse):
+        raise BadInput(f"{source} has a frequency response", "records beside a record")
+    return read
+
+
+def _unseen(source: Record | Place, names: Mapping[str, Any]) -> tuple[str, Record]:
     """Return a record and its name."""
     return ("record", source) if isinstance(source, Record) else (str(source), read_record(Path(source), **names))
 

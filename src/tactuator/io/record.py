@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
@@ -19,122 +18,18 @@ from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.io.response_table import NO_NAMES, ResponseColumns, are_of_response, asked_column, response_of
+from tactuator.io.stamps import elapsed, even_stamps, read_clock, read_stamps, runs_of
+from tactuator.signals.multisine import without_periods
 from tactuator.signals.record import FrequencyResponse, Record
 
-_MOST_DROPPED = 0.02
-_RATE_TOLERANCE = 0.01
-_FEWEST = 50
+_MOST_UNREAD, _LONGEST_UNREAD = 0.02, 20
+"""Share of a signal's samples that may be no numbers, and how many of them in a row."""
+_FEWEST_OF_RUN = 100
+"""Rows below which a run is left out."""
+_ONE_RATE = 1e-3
+"""Difference of the rates by their stamps up to which runs have one."""
 _LARGEST = 1e100
 """Beyond it, and below its inverse, an estimate's powers are no numbers."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stamps:
-    """Time stamps on an even grid. rate_hz: even rate. place: where each sample is on the even grid, in samples,
-    (n,). count: of that grid.
-
-    even: the samples are the grid already. remarks: what is wrong, to be said.
-    """
-
-    rate_hz: float
-    place: FloatArray
-    count: int
-    even: bool
-    remarks: tuple[str, ...]
-
-    def spread(self, values: FloatArray, hold: bool) -> FloatArray:
-        """Return the values (n,) on the even grid (count,): held (a command) or interpolated (a position)."""
-        if self.even:
-            return values
-        grid = np.arange(self.count, dtype=np.float64)
-        if hold:
-            index = np.clip(np.searchsorted(self.place, grid + 0.5, side="right") - 1, 0, values.size - 1)
-            return values[index]
-        return np.asarray(scipy.interpolate.make_interp_spline(self.place, values, k=min(3, values.size - 1))(grid))
-
-    def held_against(self, position: FloatArray) -> Stamps:
-        """Return the same, or even ones where the position (n,) was not read when they say: what it lacks of a curve
-        through its neighbours does then not follow the way that its slope goes in the time that a stamp is off.
-        """
-        if self.even or position.size != self.count or position.size < _FEWEST:
-            return self
-        slope, off = np.gradient(position), self.place - np.arange(self.count)
-        follows, lacks = (_beside_neighbours(values) for values in (off * slope, position))
-        power = float(follows @ follows)
-        share = float(follows @ lacks) / power if power > 0.0 else 1.0
-        doubt = 3.0 * float(np.std(lacks - share * follows)) / np.sqrt(power) if power > 0.0 else np.inf
-        if share + doubt > 0.5:
-            return self
-        remark = f"{self.remarks[-1].rpartition(':')[0]}, and the position does not follow them: taken as even"
-        return replace(self, even=True, remarks=(*self.remarks[:-1], remark))
-
-
-def _beside_neighbours(values: FloatArray) -> FloatArray:
-    """Return what values (n,) depart from the cubic through two neighbours on either side, (n - 4,)."""
-    return np.convolve(values, np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, mode="valid")
-
-
-def read_stamps(time_s: FloatArray, rate_hz: float | None) -> Stamps:
-    """Judge stamps (n,), seconds. BadInput where they do not ascend, contradict rate_hz, or too much is missing."""
-    if time_s.size < 3:
-        raise BadInput(f"{time_s.size} time stamps", "3 or more")
-    bad = np.flatnonzero(~np.isfinite(time_s))
-    if bad.size:
-        raise BadInput(f"the time stamp in row {bad[0] + 1} is not a number", "seconds")
-    step = np.diff(time_s)
-    back = np.flatnonzero(step <= 0.0)
-    if back.size > max(0.3 * step.size, 0) or np.median(step) <= 0.0:
-        raise BadInput("the time stamps do not ascend", "stamps that do (printed with enough digits)")
-    typical = _typical_step(step)
-    if back.size and np.min(step) < -0.5 * typical:
-        raise BadInput(f"time goes back in row {int(np.argmin(step)) + 2}", "stamps that ascend")
-    jumps = np.maximum(np.round(step / typical), 1.0)
-    missing = int(np.sum(jumps - 1.0)) if np.any(step > 1.6 * typical) else 0
-    if missing == 0:
-        jumps[:] = 1.0
-    place_by_count = np.concatenate([[0.0], np.cumsum(jumps)])
-    rate = place_by_count[-1] / (time_s[-1] - time_s[0])
-    if rate_hz is not None and abs(rate_hz / rate - 1.0) > _RATE_TOLERANCE:
-        raise BadInput(f"the rate given is {rate_hz:g} Hz, the time stamps say {rate:.6g} Hz", "one that agrees")
-    if missing > _MOST_DROPPED * time_s.size:
-        raise BadInput(f"{missing} of {time_s.size + missing} samples are missing", "2 % at most")
-    return _judge(time_s, rate, place_by_count, missing)
-
-
-def _typical_step(step: FloatArray) -> float:
-    """Return the median step, sharpened by the mean of all that are near it (rounded stamps alternate)."""
-    median = float(np.median(step))
-    near = np.abs(step - median) <= 0.6 * median
-    return float(np.mean(step[near]))
-
-
-def _quantum(time_s: FloatArray) -> float:
-    """Return the last decimal place that the stamps were printed with, seconds; 0 where they have all their digits."""
-    some = time_s[-1000:]  # the coarsest, where all have as many digits in all
-    for digits in range(10):
-        scaled = some * 10.0**digits
-        if np.max(np.abs(scaled - np.round(scaled))) < 1e-5:
-            return float(10.0**-digits)
-    return 0.0
-
-
-def _judge(time_s: FloatArray, rate: float, by_count: FloatArray, missing: int) -> Stamps:
-    place = (time_s - time_s[0]) * rate
-    offset = float(np.mean(place - by_count))
-    astray = place - by_count - offset
-    worst, usual = float(np.max(np.abs(astray))), float(np.sqrt(np.mean(astray**2)))
-    count = int(by_count[-1]) + 1
-    remarks = []
-    if missing:
-        remarks.append(f"{missing} samples are missing: filled in between their neighbours")
-    if usual <= 0.02 + 0.6 * _quantum(time_s) * rate and worst <= 1.0:
-        # no more than what was lost in printing them
-        return Stamps(rate, by_count, count, missing == 0, tuple(remarks))
-    if usual > 0.35 * np.sqrt(max(count, 1)) or np.any(np.diff(place) <= 0.0):
-        raise BadInput(f"the time stamps are uneven (off by {worst:.3g} steps)", "an even rate")
-    remarks.append(f"the time stamps are uneven (off by up to {worst:.2g} steps): resampled at an even {rate:.6g} Hz")
-    return Stamps(rate, np.clip(place, 0.0, count - 1.0) + 1e-9 * np.arange(place.size), count, False, tuple(remarks))
-
 
 FORMAT = "tactuator-record/1"
 INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")
@@ -163,7 +58,16 @@ def read_record(
     path = Path(path)
     columns = measured_columns(path)
     with within(f"record {path}"):
-        return _assemble(path, columns, input, output, reference, time, rate_hz)
+        return _longest(_assemble(path, columns, input, output, reference, time, rate_hz))
+
+
+def read_runs(path: Path, response: ResponseColumns = NO_NAMES, **names: Any) -> list[Record] | FrequencyResponse:
+    """Read all runs of a record, the longest first, or a frequency response.
+
+    names: as for `read_record`, and from_s and to_s, the part of a record that is read: what lies outside is not
+    judged. Raises BadInput.
+    """
+    return _runs(path, measured_columns(path), response, **names)
 
 
 def read_measured(path: Path, response: ResponseColumns = NO_NAMES, **names: Any) -> Record | FrequencyResponse:
@@ -175,12 +79,25 @@ def measured_of(
     path: Path, columns: Columns, response: ResponseColumns = NO_NAMES, **names: Any
 ) -> Record | FrequencyResponse:
     """Return what `read_measured` reads in a file whose columns are read already."""
+    read = _runs(path, columns, response, **names)
+    return _longest(read) if isinstance(read, list) else read
+
+
+def _runs(path: Path, columns: Columns, response: ResponseColumns, **names: Any) -> list[Record] | FrequencyResponse:
     with within(f"record {path}"):
         is_response = are_of_response(columns, response)
     if is_response:
         return response_of(path, columns, response)
     with within(f"record {path}"):
         return _assemble(path, columns, **names)
+
+
+def _longest(runs: list[Record]) -> Record:
+    """Return the first of several runs, and that it is one of them."""
+    first, *others = runs
+    if not others:
+        return first
+    return replace(first, remarks=(*first.remarks, f"the longest of {len(runs)} runs is used"))
 
 
 def measured_columns(path: Path) -> Columns:
@@ -197,7 +114,10 @@ def _assemble(
     reference: str | None = None,
     time: str | None = None,
     rate_hz: float | None = None,
-) -> Record:
+    from_s: float | None = None,
+    to_s: float | None = None,
+) -> list[Record]:
+    """Return the runs of a record, the longest first, of the part from from_s to to_s."""
     clock = _pick(columns, time, TIME_NAMES, "time") or _by_unit(columns)
     if clock is not None and time is not None and clock.unit.kind not in ("", "time"):
         raise BadInput(f"{clock.text!r}, named as time, is in {clock.unit.text}", "a column of seconds, or NAME=UNIT")
@@ -215,22 +135,12 @@ def _assemble(
     if u.size != y.size or (r is not None and r.size != u.size):
         many = f", {r_name} {r.size}" if r is not None else ""
         raise BadInput(f"{u_name} has {u.size} samples, {y_name} {y.size}{many}", "as many of each")
-    for name, values in ((u_name, u), (y_name, y), *(((str(r_name), r),) if r is not None else ())):
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            more = f" and in {bad.size - 1} more" if bad.size > 1 else ""
-            units = " ('#' before a row of units)" if bad.tolist() == [0] else ""
-            raise BadInput(f"{name} is not a number in row {bad[0] + 1} of {values.size}{more}", f"numbers{units}")
-        largest = np.abs(values).max(initial=0.0)
-        if largest > 0.0 and not 1.0 / _LARGEST <= largest <= _LARGEST:
-            raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
-    known = _known_rate(columns, rate_hz)
+    known, stamps = _known_rate(columns, rate_hz), None
     if clock is not None and columns.values[clock.text].size == u.size:
-        stamps = read_stamps(columns.values[clock.text] * clock.unit.factor, known).held_against(y)
-        u, y = stamps.spread(u, True), stamps.spread(y, False)
-        r = None if r is None else stamps.spread(r, True)
-        known, remarks = stamps.rate_hz, remarks + list(stamps.remarks)
+        factor = clock.unit.factor if clock.unit.kind == "time" else 0.0
+        stamps, of_clock = read_clock(columns.values[clock.text], factor, known)
+        remarks += of_clock
     elif known is None:
         raise BadInput("there is no rate and no time stamps", "a time column, or the rate in Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
@@ -241,8 +151,121 @@ def _assemble(
     read = {u_name, y_name, clock.text if clock else "", "" if r is None else str(r_name)}
     if unread := _unread(columns, read, columns.values[y_name].size):
         remarks.append(f"not read: {', '.join(map(repr, unread))}")
-    u_unit, y_unit = _unit(columns, u_column), _unit(columns, y_column)
-    return Record(float(known), u, y, u_unit, y_unit, r, about, tuple(remarks))
+    names = (u_name, y_name) if r is None else (u_name, y_name, str(r_name))
+    table = _Rows(names, (u, y) if r is None else (u, y, r), stamps, known)
+    if from_s is not None or to_s is not None:
+        table, about = table.between(from_s, to_s), without_periods(about)
+    units = _unit(columns, u_column), _unit(columns, y_column)
+    return _records(table, units, about, remarks)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of a record. names, signals: of command, position and, if any, reference; stamps: seconds (n,), or None;
+    rate_hz: that is known without them; first: the row of the file, first_s: its time; is_part: of a file's rows.
+    """
+
+    names: tuple[str, ...]
+    signals: tuple[FloatArray, ...]
+    stamps: FloatArray | None
+    rate_hz: float | None
+    first: int = 0
+    first_s: float = 0.0
+    is_part: bool = False
+
+    def of(self, rows: slice, first_s: float) -> _Rows:
+        """Return some of the rows."""
+        stamps = None if self.stamps is None else self.stamps[rows]
+        signals, first = tuple(values[rows] for values in self.signals), self.first + rows.start
+        return replace(self, signals=signals, stamps=stamps, first=first, first_s=first_s, is_part=True)
+
+    def times(self) -> FloatArray:
+        """Return the time of each row since the first, seconds, also where stamps are amiss."""
+        count = self.signals[0].size
+        return np.arange(count) / float(self.rate_hz or 1.0) if self.stamps is None else elapsed(self.stamps)
+
+    def between(self, from_s: float | None, to_s: float | None) -> _Rows:
+        """Return the rows between two times since the first. Raises BadInput where that is nothing."""
+        time = self.times()
+        step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+        whole, first_s = float(time[-1]) + step, from_s or 0.0
+        last_s = whole if to_s is None else to_s
+        if not 0.0 <= first_s < last_s <= whole + step:
+            raise BadInput(f"from {first_s:g} s to {last_s:g} s", f"ascending, within 0 .. {whole:g} s")
+        begin, end = (int(np.searchsorted(time, edge - 0.5 * step)) for edge in (first_s, last_s))
+        return self.of(slice(begin, end), first_s)
+
+    def trimmed(self) -> _Rows:
+        """Return the rows from the first to the last in which all signals are numbers."""
+        whole = np.flatnonzero(np.all(np.isfinite(self.signals), axis=0))
+        if not whole.size or whole.size == self.signals[0].size:
+            return self
+        rows = slice(int(whole[0]), int(whole[-1]) + 1)
+        return self.of(rows, self.first_s + float(self.times()[rows.start]))
+
+    def record(self, units: tuple[str, str], about: dict[str, str], remarks: list[str]) -> Record:
+        """Return the rows as a record at an even rate, with what is to be said of it."""
+        rows = self.trimmed()
+        remarks = [*remarks, *self._left_out(rows)]
+        remarks += [rows.require_numbers(name, values) for name, values in zip(rows.names, rows.signals, strict=True)]
+        command, position, *others = rows.signals
+        if rows.stamps is None:
+            stamps = even_stamps(command.size, float(rows.rate_hz or 0.0))
+        else:
+            stamps = read_stamps(rows.stamps, rows.rate_hz, rows.first).held_against(position)
+        reference = stamps.spread(others[0], True) if others else None
+        command, position = stamps.spread(command, True), stamps.spread(position, False)
+        said = tuple(filter(None, [*remarks, *stamps.remarks]))
+        if rows.is_part:
+            from_s = float(about.get("from_s", 0.0)) + rows.first_s
+            about = about | {"from_s": f"{from_s:.9g}", "to_s": f"{from_s + command.size / stamps.rate_hz:.9g}"}
+        return Record(stamps.rate_hz, command, position, *units, reference, about, said)
+
+    def _left_out(self, rows: _Rows) -> list[str]:
+        lost = self.signals[0].size - rows.signals[0].size
+        return [f"{lost} rows at the ends are left out: not all of their cells are numbers"] if lost else []
+
+    def require_numbers(self, name: str, values: FloatArray) -> str:
+        """Return what is to be said of samples (n,) that were not read. Raises BadInput where they are too many, or the
+        others no sizes to reckon with.
+        """
+        bad = np.flatnonzero(~np.isfinite(values))
+        in_a_row = int(np.max(np.diff(np.flatnonzero(np.concatenate([[True], np.isfinite(values), [True]]))))) - 1
+        if bad.size > _MOST_UNREAD * values.size or in_a_row > _LONGEST_UNREAD:
+            more = f" and in {bad.size - 1} more" if bad.size > 1 else ""
+            more += f", {in_a_row} in a row" if in_a_row > _LONGEST_UNREAD else ""
+            raise BadInput(
+                f"{name} is not a number in row {self.first + bad[0] + 1} of {self.first + values.size}{more}",
+                f"numbers (2 % may lack, {_LONGEST_UNREAD} in a row; a part: --from-s, --to-s)",
+            )
+        largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+        if largest > 0.0 and not 1.0 / _LARGEST <= largest <= _LARGEST:
+            raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
+        if not bad.size:
+            return ""
+        return f"{bad.size} samples of {name} were not read, the first in row {self.first + bad[0] + 1}: filled in"
+
+
+def _records(table: _Rows, units: tuple[str, str], about: dict[str, str], remarks: list[str]) -> list[Record]:
+    """Return a record of each run that a table has, the longest first; all have its rate."""
+    parts = [slice(0, table.signals[0].size)] if table.stamps is None else runs_of(table.stamps)
+    if len(parts) == 1:
+        return [table.record(units, about, remarks)]
+    time = table.times()
+    long = [part for part in parts if part.stop - part.start >= _FEWEST_OF_RUN]
+    if not long:
+        raise BadInput(f"time goes back in row {table.first + parts[1].start + 1}", "stamps that ascend")
+    runs = [table.of(part, table.first_s + float(time[part.start])).record(units, about, []) for part in long]
+    runs.sort(key=lambda run: -run.command.size)
+    first = runs[0]
+    alike = [run for run in runs if abs(run.rate_hz / first.rate_hz - 1.0) < _ONE_RATE]
+    rows = ", ".join(str(table.first + part.start + 1) for part in parts[1:6]) + ", ..." * (len(parts) > 6)
+    remark = f"the time begins anew in row {rows}: {len(parts)} runs"
+    if len(alike) < len(parts):
+        remark += f", {len(parts) - len(alike)} of them left out (shorter than 100 rows, or at another rate)"
+    # rates by stamps differ by what was lost in printing them
+    alike = [replace(run, rate_hz=first.rate_hz) for run in alike]
+    return [replace(first, remarks=(*remarks, remark, *first.remarks)), *alike[1:]]
 
 
 _OF_SIGNALS = ("voltage", "current", "force", *QUANTITIES)
