@@ -10,10 +10,11 @@ import json
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from itertools import count
+from itertools import count, groupby
 from math import isfinite
 from pathlib import Path
 from typing import Any, get_args
@@ -27,13 +28,12 @@ from tactuator.experiment.protocol.recognition import Paradigm
 from tactuator.experiment.protocol.study import FORCED_CHOICE, StudyProtocol
 from tactuator.experiment.result.thresholds import fitted, refit_prior
 from tactuator.experiment.store import schema
-from tactuator.experiment.store.records import CONSENT_NAME
+from tactuator.experiment.store.records import CONSENT_NAME, Found
+from tactuator.experiment.store.run_rows import RunRows, rows_of_runs, runs_in_order
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import (
     COLUMNS,
-    INTERVALS,
     PROGRAMS,
-    TRIALS,
     Column,
     StoredRun,
     detection_runs,
@@ -53,25 +53,62 @@ _EXACT = 2**53
 
 @dataclass(frozen=True)
 class Exported:
-    """The tables of a store by name, with their columns, and each version of each study's protocol by file name."""
+    """A store to be exported, while its transaction is open.
 
+    runs: every run with answered trials. connection: reads their rows as they are written. tables: events, subjects and
+    thresholds. columns: of each table, those of the trials and intervals too. settings: each version of each study's
+    protocol, by file name.
+    """
+
+    connection: Connection
+    runs: list[Found]
     tables: Mapping[str, list[TableRow]]
     columns: Mapping[str, tuple[Column, ...]]
     settings: Mapping[str, Mapping[str, object]]
 
-    def write(
-        self, table: str, path: Path, separator: str = ",", missing: str = "", rows: Iterable[TableRow] | None = None
-    ) -> None:
-        """Write a table, or those of its rows, as separated values with a header."""
+    def rows(self) -> Iterator[RunRows]:
+        """Yield trials and intervals, a run at a time."""
+        return rows_of_runs(self.connection, self.runs, schema.KEPT)
+
+    def write(self, table: str, path: Path, separator: str = ",", missing: str = "") -> None:
+        """Write one of the tables as separated values with a header."""
         names = [column.name for column in self.columns[table]]
-        _write_rows(path, names, self.tables[table] if rows is None else rows, separator, missing)
+        _write_rows(path, names, self.tables[table], separator, missing)
+
+    def write_runs(self, places: Callable[[Found], tuple[Path, Path]]) -> None:
+        """Write trials and intervals of every run to the two files that `places` has for it."""
+        for (trials, intervals), runs in groupby(self.rows(), key=lambda run: places(run.about)):
+            with self._appended("trials", trials) as of_trials, self._appended("intervals", intervals) as of_intervals:
+                for run in runs:
+                    of_trials.writerows(map(_cells, run.trials))
+                    of_intervals.writerows(map(_cells, run.intervals))
+
+    @contextmanager
+    def _appended(self, table: str, path: Path) -> Iterator[Any]:
+        """Open a file to append rows of a table to; a new one has a header."""
+        is_new = not path.exists()
+        with path.open("a", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            if is_new:
+                writer.writerow([column.name for column in self.columns[table]])
+            yield writer
+
+
+def _cells(row: Sequence[Any], missing: str = "") -> list[Any]:
+    return [cell(_plain(value), missing) for value in row]
 
 
 def _write_rows(path: Path, names: Sequence[str], rows: Iterable[TableRow], separator: str, missing: str = "") -> None:
+    _write_cells(path, names, ([row[name] for name in names] for row in rows), separator, missing)
+
+
+def _write_cells(
+    path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]], separator: str, missing: str = ""
+) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, delimiter=separator, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows([cell(row[name], missing) for name in names] for row in rows)
+        writer.writerows(_cells(row, missing) for row in rows)
 
 
 def cell(value: Any, missing: str = "") -> Any:
@@ -83,22 +120,19 @@ def cell(value: Any, missing: str = "") -> Any:
     return f"'{value}" if value.lstrip(_UNSEEN_FIRST).startswith(_EXECUTED) or value[0] in "\t\r\n" else value
 
 
-def exported(store: Store) -> Exported:
-    """Read the whole store. Raises BadInput where it has no response that may be used."""
-    study, subject, session, run, trial = schema.study, schema.subject, schema.session, schema.run, schema.trial
-    event = schema.event
-    order = (study.c.id, subject.c.number, session.c.visit, run.c.id, trial.c.number)
+@contextmanager
+def exported(store: Store) -> Iterator[Exported]:
+    """Open the whole store for an export. Raises BadInput where it has no response that may be used."""
+    study, subject, session, event = schema.study, schema.subject, schema.session, schema.event
     with store.read() as connection:
 
         def read(table: str, key: Any, source: FromClause, where: ColumnElement[bool], *by: Any) -> list[TableRow]:
             query = select(*selected(table), key.label("key")).select_from(source).where(where).order_by(*by)
-            return [{name: _plain(value) for name, value in row._mapping.items()} for row in connection.execute(query)]
+            return [dict(row._mapping) for row in connection.execute(query)]
 
-        trials = read("trials", trial.c.id, TRIALS, schema.KEPT, *order)
-        if not trials:
+        runs = runs_in_order(connection, schema.KEPT)
+        if not runs:
             raise BadInput(f"store {store.name} has no response", "one with at least one")
-        intervals = read("intervals", trial.c.id, INTERVALS, schema.KEPT, *order, schema.interval.c.position)
-        _add_played(trials, intervals)
         happened = (
             event.outerjoin(session, session.c.id == event.c.session_id)
             .outerjoin(subject, subject.c.id == func.coalesce(session.c.subject_id, event.c.subject_id))
@@ -110,25 +144,15 @@ def exported(store: Store) -> Exported:
         subjects = read("subjects", subject.c.id, subject.join(study), kept, study.c.id, subject.c.number)
         items = _add_facts(connection, subjects)
         settings = _settings(connection)
-    tables = {"trials": trials, "intervals": intervals, "events": events, "subjects": subjects}
-    described = {**COLUMNS, "subjects": (*COLUMNS["subjects"], *items)}
-    return Exported(tables | {"thresholds": _thresholds(store)}, described, settings)
+        tables = {"events": events, "subjects": subjects, "thresholds": _thresholds(store)}
+        described = {**COLUMNS, "subjects": (*COLUMNS["subjects"], *items)}
+        yield Exported(connection, runs, tables, described, settings)
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, bool):
         return int(value)
     return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def _add_played(trials: list[TableRow], intervals: list[TableRow]) -> None:
-    """Add to every trial what its intervals played, and the level at the sensor where something was commanded."""
-    by_key = {trial["key"]: trial for trial in trials}
-    for interval in intervals:
-        trial = by_key[interval["key"]]
-        trial["stimuli"] = f"{trial['stimuli']}|{interval['stimulus']}" if trial["stimuli"] else interval["stimulus"]
-        if interval["commanded_db_sl"] is not None:
-            trial["measured_db_sl"] = interval["measured_db_sl"]
 
 
 def _add_facts(connection: Connection, subjects: list[TableRow]) -> list[Column]:
@@ -236,46 +260,38 @@ def label(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9]", "", text)
 
 
-def _task(row: TableRow) -> str:
-    paradigm = str(row["paradigm"])
+def _task(run: Found) -> str:
+    paradigm = str(run.paradigm)
     if paradigm in get_args(Paradigm):
         return "recognition"
     return "detection" if paradigm == FORCED_CHOICE else label(paradigm)
 
 
-def _tasks(rows: Iterable[TableRow]) -> list[str]:
-    return sorted({_task(row) for row in rows})
-
-
-def _of(rows: Iterable[TableRow], **values: object) -> list[TableRow]:
-    return [row for row in rows if all(row[name] == value for name, value in values.items())]
-
-
-def participants(data: Exported) -> dict[str, TableRow]:
-    """Return study and subject of everybody with trials, by a label of letters and digits that nobody else has.
+def participants(data: Exported) -> dict[tuple[str, str], str]:
+    """Return a label of letters and digits that nobody else has for everybody with trials, by study and subject.
 
     Codes that two studies share, or that a file system takes for one, get the study's name and, if need be, a number.
     """
-    each = sorted({(str(row["study"]), str(row["subject"])) for row in data.tables["trials"]})
+    each = sorted({(str(run.study), str(run.subject)) for run in data.runs})
     codes = Counter(label(subject).casefold() for _, subject in each)
-    people: dict[str, TableRow] = {}
+    people: dict[tuple[str, str], str] = {}
     for study, subject in each:
         name = label(subject) if codes[label(subject).casefold()] == 1 else label(study) + label(subject)
-        taken = {known.casefold() for known in people}
+        taken = {known.casefold() for known in people.values()}
         tried = (name if number == 1 else f"{name}n{number}" for number in count(1))
-        people[next(each for each in tried if each.casefold() not in taken)] = {"study": study, "subject": subject}
+        people[study, subject] = next(each for each in tried if each.casefold() not in taken)
     return people
 
 
 def _description(data: Exported) -> tuple[str, str]:
     """Return the studies' names, and a sentence on the data that calls simulated data simulated."""
-    trials = data.tables["trials"]
-    text = f"Vibrotactile {' and '.join(_tasks(trials))}, one row for each answered trial."
-    if any(row["respondent"] in PROGRAMS for row in trials):
+    tasks = sorted({_task(run) for run in data.runs})
+    text = f"Vibrotactile {' and '.join(tasks)}, one row for each answered trial."
+    if any(run.respondent in PROGRAMS for run in data.runs):
         text += " Simulated subjects answered; see the column respondent."
-    elif any(row["rig_simulated"] == 1 for row in trials):
+    elif any(run.rig_simulated for run in data.runs):
         text += " The display was simulated: nothing could be felt; see the columns rig_simulated and shown."
-    return "; ".join(sorted({str(row["study"]) for row in trials})), text
+    return "; ".join(sorted({str(run.study) for run in data.runs})), text
 
 
 _OWN_NAMES = frozenset(
@@ -294,11 +310,11 @@ def export(store: Store, folder: Path, form: str) -> int:
     """
     if form not in FORMS:
         raise BadInput(f"format {form!r}", ", ".join(FORMS))
-    data = exported(store)
-    names = {label(str(row["subject"])) for row in data.tables["subjects"]} | participants(data).keys()
-    with atomic_folder(folder, _OWN_NAMES | {f"sub-{name}" for name in names}) as beside:
-        FORMS[form](data, beside)
-    return len(data.tables["trials"])
+    with exported(store) as data:
+        names = {label(str(row["subject"])) for row in data.tables["subjects"]} | {*participants(data).values()}
+        with atomic_folder(folder, _OWN_NAMES | {f"sub-{name}" for name in names}) as beside:
+            FORMS[form](data, beside)
+        return sum(run.trials for run in data.runs)
 
 
 def _write_json(path: Path, document: object) -> None:
@@ -312,10 +328,11 @@ def _write_settings(data: Exported, folder: Path) -> None:
 
 
 def _write_tidy(data: Exported, folder: Path) -> None:
-    rows = []
+    data.write_runs(lambda run: (folder / "trials.csv", folder / "intervals.csv"))
     for name in data.tables:
         data.write(name, folder / f"{name}.csv")
-        rows += [column._asdict() | {"column": column.name} for column in data.columns[name]]
+    tables = ("trials", "intervals", *data.tables)
+    rows = [column._asdict() | {"column": column.name} for name in tables for column in data.columns[name]]
     _write_rows(folder / "dictionary.csv", ("table", "column", "description", "unit"), rows, ",")
     _write_settings(data, folder / "settings")
 
@@ -323,7 +340,8 @@ def _write_tidy(data: Exported, folder: Path) -> None:
 def _write_psych_ds(data: Exported, folder: Path) -> None:
     name, text = _description(data)
     variables: dict[str, Column] = {}
-    for column in (column for table, rows in data.tables.items() if rows for column in data.columns[table]):
+    filled = ("trials", "intervals", *(table for table, rows in data.tables.items() if rows))
+    for column in (column for table in filled for column in data.columns[table]):
         variables.setdefault(column.name, column)
     about = {"@context": "https://schema.org/", "@type": "Dataset", "name": name, "description": text}
     about |= {"schemaVersion": "Psych-DS 1.0.0"}
@@ -339,13 +357,14 @@ def _write_psych_ds(data: Exported, folder: Path) -> None:
     for table in ("events", "subjects", "thresholds"):
         if data.tables[table]:
             data.write(table, within / f"description-{table}_data.csv")
-    for person, who in participants(data).items():
-        mine = _of(data.tables["trials"], **who)
-        for task in _tasks(mine):
-            runs = {row["run"] for row in mine if _task(row) == task}
-            for table in ("trials", "intervals"):
-                path = within / f"subject-{person}_task-{task}_description-{table}_data.csv"
-                data.write(table, path, rows=[row for row in data.tables[table] if row["run"] in runs])
+    people = participants(data)
+
+    def places(run: Found) -> tuple[Path, Path]:
+        of_person = f"subject-{people[run.study, run.subject]}_task-{_task(run)}"
+        trials, intervals = (f"{of_person}_description-{table}_data.csv" for table in ("trials", "intervals"))
+        return within / trials, within / intervals
+
+    data.write_runs(places)
     _write_settings(data, folder / "analysis")
 
 
@@ -360,20 +379,22 @@ def _write_bids(data: Exported, folder: Path) -> None:
     _write_read_me(data, folder)
     # the ids that others know the subjects by stay in the laboratory
     kept = [column for column in data.columns["subjects"] if column.name not in ("study", "subject", "outside_id")]
+    labels = participants(data)
     people = [
-        row | {"participant_id": f"sub-{person}"}
-        for person, who in participants(data).items()
-        for row in _of(data.tables["subjects"], **who)
+        row | {"participant_id": f"sub-{labels[row['study'], row['subject']]}"}
+        for row in sorted(data.tables["subjects"], key=lambda row: (row["study"], row["subject"]))
+        if (row["study"], row["subject"]) in labels
     ]
     names = ["participant_id", *(column.name for column in kept)]
     _write_rows(folder / "participants.tsv", names, people, "\t", _MISSING)
     _write_json(folder / "participants.json", _described(kept))
-    visits = any(int(row["visit"] or 1) > 1 for row in data.tables["trials"])
-    for person, who in participants(data).items():
-        mine = _of(data.tables["trials"], **who)
-        for visit in sorted({int(row["visit"] or 1) for row in mine}):
-            entities = [f"sub-{person}", *([f"ses-{visit:02d}"] if visits else [])]
-            _write_session(data, _of(mine, visit=visit), folder.joinpath(*entities, "beh"), "_".join(entities))
+    visits, numbers = any(run.visit > 1 for run in data.runs), Counter[tuple[object, ...]]()
+    for run in data.rows():
+        person, task = labels[run.about.study, run.about.subject], _task(run.about)
+        numbers[person, run.about.visit, task] += 1
+        entities = [f"sub-{person}", *([f"ses-{run.about.visit:02d}"] if visits else [])]
+        named = f"{'_'.join(entities)}_task-{task}_run-{numbers[person, run.about.visit, task]:02d}"
+        _write_run(data, run, folder.joinpath(*entities, "beh", named))
     derived = folder / "derivatives" / "tactuator"
     _write_json(derived / "dataset_description.json", {**about, **by, "DatasetType": "derivative"})
     for table in ("thresholds", "events"):
@@ -392,24 +413,22 @@ def _described(columns: Iterable[Column]) -> dict[str, dict[str, str]]:
 _QUESTIONS = {"detection": "Which interval carries the vibration?", "recognition": "Which item was it? (ABX: A or B?)"}
 
 
-def _write_session(data: Exported, trials: list[TableRow], place: Path, entities: str) -> None:
-    asks, columns = "Judgement of tones; as in the protocol's table [task]", COLUMNS["bids-events"]
-    for task in _tasks(trials):
-        asked = [row for row in trials if _task(row) == task]
-        for number, run in enumerate(dict.fromkeys(row["run"] for row in asked), start=1):
-            stem = place / f"{entities}_task-{task}_run-{number:02d}"
-            about = {"TaskName": task, "TaskDescription": _QUESTIONS.get(task, asks)}
-            _write_json(Path(f"{stem}_beh.json"), about | _described(data.columns["trials"]))
-            rows, played = _of(asked, run=run), _of(data.tables["intervals"], run=run)
-            data.write("trials", Path(f"{stem}_beh.tsv"), "\t", _MISSING, rows)
-            if all(row["onset_s"] is not None for row in played):
-                names = [column.name for column in columns]
-                _write_rows(Path(f"{stem}_events.tsv"), names, _bids_events(rows, played), "\t", _MISSING)
-                _write_json(Path(f"{stem}_events.json"), _described(columns[2:]))
+def _write_run(data: Exported, run: RunRows, stem: Path) -> None:
+    asks, task = "Judgement of tones; as in the protocol's table [task]", _task(run.about)
+    about = {"TaskName": task, "TaskDescription": _QUESTIONS.get(task, asks)}
+    _write_json(Path(f"{stem}_beh.json"), about | _described(data.columns["trials"]))
+    names = [column.name for column in data.columns["trials"]]
+    _write_cells(Path(f"{stem}_beh.tsv"), names, run.trials, "\t", _MISSING)
+    began, played = {row["trial"]: row["presented_utc"] for row in run.table("trials")}, run.table("intervals")
+    if all(row["onset_s"] is not None for row in played):
+        columns = COLUMNS["bids-events"]
+        rows = _bids_events(began, played)
+        _write_rows(Path(f"{stem}_events.tsv"), [column.name for column in columns], rows, "\t", _MISSING)
+        _write_json(Path(f"{stem}_events.json"), _described(columns[2:]))
 
 
-def _bids_events(trials: list[TableRow], played: list[TableRow]) -> list[TableRow]:
-    began = {row["trial"]: datetime.fromisoformat(str(row["presented_utc"])) for row in trials}
+def _bids_events(presented_utc: Mapping[int, str], played: list[TableRow]) -> list[TableRow]:
+    began = {trial: datetime.fromisoformat(at) for trial, at in presented_utc.items()}
     first = min(began.values())
     for row in played:
         since_s = (began[row["trial"]] - first).total_seconds()

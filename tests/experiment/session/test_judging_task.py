@@ -93,7 +93,8 @@ def test_matching__across_fingers__plays_each_tone_on_its_finger_at_its_level(op
         opened(HEAD + MATCHING.replace('"thumb"', '"toe"'))
     store, study = opened(HEAD + MATCHING)
     run_session(open_session(study, "S1"), Level())
-    rows = exported(store).tables["intervals"]
+    with exported(store) as data:
+        rows = [row for run in data.rows() for row in run.table("intervals")]
     assert {str(row["stimulus"]).split(":")[1] for row in rows} == {"index", "thumb"}
     # the paper's prefilter, which plays here, misses its curve above 150 Hz
     loud = [row for row in rows if row["commanded_db_sl"] > 20.0 and float(row["stimulus"].split(":")[2]) < 150.0]
