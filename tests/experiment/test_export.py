@@ -5,6 +5,7 @@ import json
 import math
 import shutil
 import subprocess
+import weakref
 from contextlib import closing
 from itertools import pairwise
 
@@ -18,7 +19,7 @@ from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import Demographic
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
-from tactuator.experiment.store import schema
+from tactuator.experiment.store import run_rows, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import detection_runs
@@ -320,3 +321,33 @@ def test_fact__no_number_or_one_with_two_meanings__is_refused_by_its_name(typed)
     with pytest.raises(BadInput) as refused:
         Demographic(name="pta", label="Hearing level", kind="number").take(typed)
     assert "pta" in (refused.value.key, *refused.value.where)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_export__larger_store__holds_no_more_rows_at_a_time(tmp_path, monkeypatch, form) -> None:
+    """Rows are counted where they are fetched, with those of runs that are still held then."""
+    held, most, sizes = weakref.WeakSet(), [0], []
+    fetched, made = run_rows.plain_rows, run_rows.RunRows
+
+    def counted(connection, query):
+        rows = fetched(connection, query)
+        most[0] = max(most[0], len(rows) + sum(len(run.trials) + len(run.intervals) for run in held))
+        return rows
+
+    def registered(*of_run):
+        run = made(*of_run)
+        held.add(run)
+        return run
+
+    monkeypatch.setattr(run_rows, "AT_ONCE", 40)
+    monkeypatch.setattr(run_rows, "plain_rows", counted)
+    monkeypatch.setattr(run_rows, "RunRows", registered)
+    texts = [ONE_SUBJECT.replace('"short"', f'"{name}"').replace("[30, 90, 210]", "[210]") for name in "abcdefgh"]
+    for path, some in ((tmp_path / "small.db", texts[:4]), (tmp_path / "large.db", texts)):
+        with closing(answered_store(path, *some)) as store:
+            most[0] = 0
+            trials = export(store, tmp_path / f"{path.stem}-{form}", form)
+        sizes.append(most[0])
+        assert trials == 18 * len(some)
+    assert 0 < sizes[1] <= sizes[0]
+    assert sizes[1] < 2 * 18 * len(texts)  # of the whole store: a trial has three intervals

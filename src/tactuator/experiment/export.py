@@ -17,6 +17,7 @@ from datetime import datetime
 from itertools import count, groupby
 from math import isfinite
 from pathlib import Path
+from types import NoneType
 from typing import Any, get_args
 
 from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, select
@@ -80,8 +81,8 @@ class Exported:
         for (trials, intervals), runs in groupby(self.rows(), key=lambda run: places(run.about)):
             with self._appended("trials", trials) as of_trials, self._appended("intervals", intervals) as of_intervals:
                 for run in runs:
-                    of_trials.writerows(map(_cells, run.trials))
-                    of_intervals.writerows(map(_cells, run.intervals))
+                    of_trials.writerows(_cells(run.trials))
+                    of_intervals.writerows(_cells(run.intervals))
 
     @contextmanager
     def _appended(self, table: str, path: Path) -> Iterator[Any]:
@@ -94,8 +95,19 @@ class Exported:
             yield writer
 
 
-def _cells(row: Sequence[Any], missing: str = "") -> list[Any]:
-    return [cell(_plain(value), missing) for value in row]
+def _cells(rows: Iterable[Sequence[Any]], missing: str = "") -> Iterator[tuple[Any, ...]]:
+    """Yield rows as cells. They are made by column, each distinct text once: most of a run's cells are alike."""
+    return zip(*(_column(values, missing) for values in zip(*rows, strict=True)), strict=True)
+
+
+def _column(values: Sequence[Any], missing: str) -> Sequence[Any]:
+    kinds = set(map(type, values))
+    if kinds <= {str, NoneType}:
+        cells = {value: cell(value, missing) for value in set(values)}
+        return [cells[value] for value in values]
+    if kinds == {int} or (kinds == {float} and all(map(isfinite, values))):
+        return values
+    return [cell(_plain(value), missing) for value in values]
 
 
 def _write_rows(path: Path, names: Sequence[str], rows: Iterable[TableRow], separator: str, missing: str = "") -> None:
@@ -108,7 +120,7 @@ def _write_cells(
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, delimiter=separator, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows(_cells(row, missing) for row in rows)
+        writer.writerows(_cells(rows, missing))
 
 
 def cell(value: Any, missing: str = "") -> Any:

@@ -6,13 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, FromClause, func, select
 
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found
-from tactuator.experiment.store.stored_runs import COLUMNS, INTERVALS, TRIALS, selected
+from tactuator.experiment.store.stored_runs import COLUMNS, INTERVALS, TRIALS, plain_rows, selected
+
+Cells = Sequence[Any]
 
 AT_ONCE = 2000
 """Trials that are held at a time; a run with more is held whole."""
@@ -20,7 +24,7 @@ _ABOUT = ("study", "subject", "visit", "run", "paradigm", "respondent", "rig_sim
 _PLAYED = ("stimulus", "commanded_db_sl", "measured_db_sl")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RunRows:
     """Answered trials of a run and their intervals.
 
@@ -29,8 +33,8 @@ class RunRows:
     """
 
     about: Found
-    trials: list[list[Any]]
-    intervals: list[list[Any]]
+    trials: list[Cells]
+    intervals: list[Cells]
 
     def table(self, name: Literal["trials", "intervals"]) -> list[dict[str, Any]]:
         """Return the rows of one of the two tables by the names of their columns."""
@@ -54,9 +58,8 @@ def rows_of_runs(connection: Connection, runs: Sequence[Found], where: ColumnEle
         trials = _read(connection, "trials", TRIALS, part, where)
         intervals = _read(connection, "intervals", INTERVALS, part, where)
         for about in part:
-            of_run = RunRows(about, trials.pop(about.run, []), intervals.pop(about.run, []))
-            _add_played(of_run)
-            yield of_run
+            played = intervals.pop(about.run, [])
+            yield RunRows(about, _with_played(trials.pop(about.run, []), played), played)
 
 
 def _parts(runs: Sequence[Found]) -> Iterator[list[Found]]:
@@ -73,32 +76,30 @@ def _parts(runs: Sequence[Found]) -> Iterator[list[Found]]:
 
 def _read(
     connection: Connection, table: str, source: FromClause, runs: Sequence[Found], where: ColumnElement[bool]
-) -> dict[int, list[list[Any]]]:
+) -> dict[int, list[Cells]]:
     """Return the rows of some runs by run, in order of trials and intervals."""
     run, order = schema.run.c.id, [schema.trial.c.number]
     if table == "intervals":
         order.append(schema.interval.c.position)
     wanted = run.in_([each.run for each in runs])
     query = select(*selected(table)).select_from(source).where(where, wanted).order_by(run, *order)
-    place, found = _place(table, "run"), dict[int, list[list[Any]]]()
-    for row in connection.execute(query):
-        found.setdefault(row[place], []).append([*row])
-    return found
+    return {each: [*rows] for each, rows in groupby(plain_rows(connection, query), itemgetter(_place(table, "run")))}
 
 
 def _place(table: str, name: str) -> int:
     return next(index for index, column in enumerate(COLUMNS[table]) if column.name == name)
 
 
-def _add_played(run: RunRows) -> None:
-    """Add to every trial what its intervals played, and the level at the sensor where something was commanded."""
+def _with_played(trials: list[Cells], intervals: list[Cells]) -> list[Cells]:
+    """Return the trials with what their intervals played, and the level at the sensor where something was commanded."""
     stimuli, measured = _place("trials", "stimuli"), _place("trials", "measured_db_sl")
     number, of = _place("trials", "trial"), _place("intervals", "trial")
     label, commanded, sensed = (_place("intervals", name) for name in _PLAYED)
-    by_number = {trial[number]: trial for trial in run.trials}
-    for interval in run.intervals:
+    by_number = {trial[number]: [*trial] for trial in trials}
+    for interval in intervals:
         trial = by_number[interval[of]]
         before = trial[stimuli]
         trial[stimuli] = f"{before}|{interval[label]}" if before else interval[label]
         if interval[commanded] is not None:
             trial[measured] = interval[sensed]
+    return [*by_number.values()]

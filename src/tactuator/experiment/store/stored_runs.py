@@ -69,6 +69,13 @@ def selected(table: str, *names: str) -> list[ColumnElement[Any]]:
     return [literal_column(by_name[name]).label(name) for name in names or by_name]
 
 
+def plain_rows(connection: Connection, query: Select[Any]) -> Sequence[Sequence[Any]]:
+    """Return the rows as the driver's own cursor has them: a Row for each of millions took as long as SQLite."""
+    cursor = connection.execute(query).cursor
+    assert cursor is not None
+    return cursor.fetchall()
+
+
 def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
     """Return the protocols of that form by the row of their version, the oldest first; form: StudyProtocol for all.
 
@@ -175,13 +182,9 @@ class _Rows:
 
     @classmethod
     def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> _Rows:
-        """Read the query's rows of numbers, the run's id first; a cell without a value is NaN.
-
-        They come as plain tuples from the driver's own cursor: a Row for each of millions took as long as SQLite.
-        """
-        cursor = connection.execute(query).cursor
-        assert cursor is not None
-        cells = np.fromiter(chain.from_iterable(cursor.fetchall()), np.float64).reshape(-1, 1 + len(types))
+        """Read the query's rows of numbers, the run's id first; a cell without a value is NaN."""
+        cells = np.fromiter(chain.from_iterable(plain_rows(connection, query)), np.float64)
+        cells = cells.reshape(-1, 1 + len(types))
         columns = (cells[:, place].astype(of) for place, of in enumerate((np.int64, *types)))
         run, *others = columns
         return cls(run, tuple(others))
