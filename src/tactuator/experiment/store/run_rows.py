@@ -10,7 +10,7 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, FromClause, func, select
+from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, select
 
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found
@@ -47,7 +47,7 @@ def runs_in_order(connection: Connection, where: ColumnElement[bool]) -> list[Fo
     run = schema.run.c.id
     count = select(func.count()).select_from(schema.trial.join(schema.response)).where(schema.trial.c.run_id == run)
     answered = count.scalar_subquery().label("trials")
-    query = select(*selected("trials", *_ABOUT), answered).select_from(schema.RUNS).where(where)
+    query: Select[Any] = select(*selected("trials", *_ABOUT), answered).select_from(schema.RUNS).where(where)
     order = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, run)
     return [row for row in connection.execute(query.order_by(*order)) if row.trials]
 
