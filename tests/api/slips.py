@@ -349,7 +349,11 @@ def _run(*arguments: str) -> Said:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = tactuator(list(arguments))
-    return Said(arguments[0], status, " ".join((out.getvalue() + err.getvalue()).split()))
+    return Said(
+        " ".join(arguments[:2]) if arguments[0] == "measure" else arguments[0],
+        status,
+        " ".join((out.getvalue() + err.getvalue()).split()),
+    )
 
 
 def faults(slip: Slip, said: list[Said]) -> list[str]:

@@ -40,9 +40,9 @@ def test_verbs__files_with_a_slip__name_it_and_none_ends_in_met(slip: Slip, tmp_
 def test_measure__with_a_slip_in_the_display__doubts_its_numbers_too(tmp_path: Path) -> None:
     slip = next(each for each in SLIPS if each.name == "travel in m")
     said = {each.verb: each for each in said_of(slip, tmp_path, measured=True)}
-    assert said["measure"].doubts
-    assert said["noise"].doubts
-    assert said["measure"].status == said["noise"].status == 1
+    assert said["measure response"].doubts
+    assert said["measure noise"].doubts
+    assert said["measure response"].status == said["measure noise"].status == 1
 
 
 @pytest.mark.parametrize("slip", tried(RIGHT, RIGHT[::6]))

@@ -271,7 +271,7 @@ def test_main__version_no_arguments_or_no_part__are_told(run):
     [
         (None, 0, ""),
         (typer.Exit(1), 1, ""),
-        (BadInput("got this,\n  allowed is that"), 2, "tactuator: got this, allowed is that\n"),
+        (BadInput("got this,\n  allowed is that"), 2, "tactuator: got this,\\n allowed is that\n"),
         (OSError(), 2, "tactuator: OSError\n"),
         (FileNotFoundError(2, "No such file", "out.txt"), 2, "tactuator: out.txt: No such file\n"),
         (KeyboardInterrupt(), 130, "tactuator: interrupted\n"),

@@ -271,7 +271,7 @@ def test_load__put_on_in_motion__position_and_velocity_go_on() -> None:
 
 def test_load__that_raises_the_order__agrees_with_the_loaded_plant() -> None:
     plant = ContinuousSystem(np.array([-500.0]), np.array([-10.0, -90.0]), 6.0)
-    of = channel(plant=plant, loads=(Load("mass", 0.01, 1.0, 10.0),), sensor_gain_v_per_mm=1.0)
+    of = channel(plant=plant, loads=(Load("mass", 0.01, 1.0, 10.0, 6.0),), sensor_gain_v_per_mm=1.0)
     loaded = of.loaded_plant(of.loads[0])
     assert loaded.poles.size == 3
     command = coded(np.random.default_rng(2).standard_normal(300))

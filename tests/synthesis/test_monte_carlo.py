@@ -62,7 +62,7 @@ def test_judge_drawn__one_unstable_loop_of_a_thousand__not_met() -> None:
 def test_judge_drawn__plant_of_which_nothing_is_known__not_judged() -> None:
     for one in judge_drawn([drawn(np.full(1000, 1.2), source="nominal")], paper_alone()):
         assert one.outcome is Outcome.NOT_JUDGED
-        assert "nothing tells how the plant may differ" in one.remark
+        assert "the spread of the plant is unknown" in one.remark
 
 
 @pytest.mark.parametrize(

@@ -216,6 +216,6 @@ def test_judging__by_keyboard_alone__is_answered_to_the_end(start, page, task: s
         given = [response for (response,) in store.execute("select response from response order by trial_id")]
     assert len(given) == count == {"magnitude": 6, "order": 8}[task]
     if task == "magnitude":
-        assert given == ["1.5", "2,5", "3.5", "4,5", "5.5", "6,5"]
+        assert given == ["1.5", "2.5", "3.5", "4.5", "5.5", "6.5"]
     if task == "order":
         assert set(given) == set(keys.fingers)

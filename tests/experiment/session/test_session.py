@@ -441,7 +441,7 @@ def test_enrol__with_what_the_laboratory_asks__is_kept_and_checked(store) -> Non
         (SubjectPart(code="S7"), "'S7' is enrolled already"),
         (SubjectPart(code="S8", participant_id="P-07"), "'P-07' is another subject's"),
         (SubjectPart(code="S8", demographics={"age": "7", "hand": "left"}), "age is '7'; it must be .* from 18 to 99"),
-        (SubjectPart(code="S8", demographics={"age": "inf", "hand": "left"}), "age is 'inf'"),
+        (SubjectPart(code="S8", demographics={"age": "inf", "hand": "left"}), "age: 'inf'; expected a number"),
         (SubjectPart(code="S8", demographics={"age": "20"}), "hand is not given"),
         (SubjectPart(code="S8"), "hand is not given"),
         (SubjectPart(code="S8", demographics={"hand": " "}), "hand is not given"),

@@ -199,7 +199,7 @@ def test_measure__other_display__weights_of_its_finger_are_told(tmp_path, capsys
     assert designed in text
     (tmp_path / "other.toml").write_text(text.replace(designed, other), encoding="utf-8")
     files = ["--display", str(tmp_path / "other.toml"), "--controller", str(tmp_path / "c.json")]
-    asked = ["measure", *files, "--load", "finger", "--frequency-hz", "32", "--json"]
+    asked = ["measure", "response", *files, "--load", "finger", "--frequency-hz", "32", "--json"]
     assert main(asked) == 0
     found = json.loads(capsys.readouterr().out)
     (learnt,) = found["learnt"]
