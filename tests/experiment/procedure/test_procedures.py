@@ -3,6 +3,7 @@
 Truths are written down here and in the project's table of procedures outside their own prior; none is drawn from it.
 """
 
+import dataclasses
 import tomllib
 from collections import Counter
 from importlib.resources import files
