@@ -284,6 +284,7 @@ RECORDS = [
     Layout(
         "accelerometer", "time_s,current_A,acc (g)\n" + PLAIN, quantity="acceleration", said="is read as acceleration"
     ),
+    Layout("current", "time_s,current_A,position_v\n" + PLAIN, said="'current_A' is read in A, where"),
     Layout("grams", "time_s,command_v,load (g)\n" + PLAIN, words="may be in grams.*=g'"),
     Layout(
         "a unit that contradicts",

@@ -144,6 +144,8 @@ def _assemble(
     elif known is None:
         raise BadInput("there is no rate and no time stamps", "a time column, or the rate in Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
+    if u_column.unit.kind in ("current", "force"):
+        remarks.append(f"the command {u_name!r} is read in {u_column.unit.text}, where a display commands volts")
     quantity = y_column.quantity
     if quantity not in ("", "displacement") and "quantity" not in about:
         about["quantity"] = quantity
