@@ -1,4 +1,4 @@
-"""Tactile displays on which equal reference amplitude is felt equally strongly at every frequency.
+"""Design and test tactile displays that feel equally strong at every frequency.
 
 `import tactuator as tt` gives the functions of the API by name; each is imported when it is first used.
 `__init__.pyi` has their types. In the order of the chain:

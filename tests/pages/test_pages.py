@@ -14,7 +14,7 @@ from tactuator.io.display import parse_display
 from tools.pages.blocks import commands, read_page
 from tools.pages.glossary import anchor, glossary
 from tools.pages.navigation import LISTS, START, contents
-from tools.pages.run import make_folder, run_page
+from tools.pages.run import ENVIRONMENT, make_folder, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")),
@@ -46,6 +46,19 @@ def examples(tmp_path_factory):
 def test_page__typed_in_order__does_what_it_says(page, examples, tmp_path):
     folder = shutil.copytree(examples, tmp_path / "folder")
     run_page(TEXTS[page], str(page.relative_to(ROOT)), folder)
+
+
+def test_readme__its_first_commands__print_at_most_40_lines_of_80_columns(tmp_path, monkeypatch):
+    page = TEXTS[ROOT / "README.md"]
+    first = page[page.index("<!-- serves -->") : page.index("| You have")]
+    monkeypatch.setitem(ENVIRONMENT, "COLUMNS", "80")
+    said = run_page(first, "README", tmp_path)
+    assert [one.command.split()[1] for one in said if one.command.startswith("tactuator")] == [
+        "init", "identify", "design", "console",
+    ]  # fmt: skip
+    lines = [line for one in said for line in one.output.splitlines()]
+    assert len(lines) <= 40
+    assert [line for line in lines if len(line) > 80] == []
 
 
 def test_pages__every_block__says_its_language_and_runs_or_is_read():

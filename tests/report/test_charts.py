@@ -209,7 +209,7 @@ def test_chart__that_nobody_felt__says_so_in_axes_figure_and_table(simulated: bo
 
 MARGINS = {
     "crossover_hz": "crossover (Hz)", "phase_margin_deg": "phase margin (deg)", "gain_margin_db": "gain margin (dB)",
-    "least_gain": "unstable below this gain (1: as designed)", "sensitivity_peak": "max|S|",
+    "least_gain": "lowest stable gain (0: stable at every lower gain)", "sensitivity_peak": "max|S|",
     "complementary_peak": "max|T|", "disk_margin": "disk margin", "delay_margin_samples": "delay margin (samples)",
     "command_noise_gain": "command noise gain",
 }  # fmt: skip

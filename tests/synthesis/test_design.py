@@ -189,8 +189,8 @@ def test_design__unsuitable_plant__each_its_own_sentence(plant: ContinuousSystem
 def test_design__plant_that_grows_of_a_model_not_to_be_trusted__is_refused_at_once() -> None:
     display = of(ContinuousSystem.from_polynomials([1.0], [1.0, -94.0, 290.0]))
     (channel,) = display.channels
-    channel = replace(channel, recorded=Recorded(distrust=("poles that grow, where no feedback is seen",)))
-    with pytest.raises(BadInput, match=r"not to be trusted: poles that grow.*the plant grows by itself"):
+    channel = replace(channel, recorded=Recorded(distrust=("unstable poles, but no feedback detected",)))
+    with pytest.raises(BadInput, match=r"not to be trusted: unstable poles.*the plant grows by itself"):
         design_controller(replace(display, channels=(channel,)))
 
 

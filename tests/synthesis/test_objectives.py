@@ -223,7 +223,7 @@ def test_judge__travel_too_short_for_threshold__first_not_met_and_why() -> None:
     made = paper_controller()
     made = replace(made, channels=(replace(made.channels[0], limits=Limits(10.0, 1e-4, 55.0)),))
     verdict = judge(made, replace(paper_alone(), channels=(short,)))
-    found = only(verdict, "i", "index", "none", "threshold minus greatest level")
+    found = only(verdict, "i", "index", "none", "missing headroom")
     assert outcomes(verdict)["i"] == "not met"
     assert found.value >= 2.7 - 0.1
     assert "travel stops at" in found.remark

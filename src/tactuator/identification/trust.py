@@ -37,8 +37,8 @@ class Standard:
 
 EXPLAINED = Standard("power of the position that the model explains", "%", 0.1, least=True)
 FOLLOWING = Standard("power of the position that follows the command and not the model", "%", 0.1)
-GROWING = Standard("poles that grow, where no feedback is seen", "", 0.0)
-LASTING = Standard("resonances that outlast the record", "", 0.0)
+GROWING = Standard("unstable poles, but no feedback detected", "", 0.0)
+LASTING = Standard("resonances that decay more slowly than the record is long", "", 0.0)
 FASTEST = Standard("fastest pole over half the sampling rate", "", 1.0)
 VALID = Standard("part of the excited octaves that is valid", "%", 20.0, least=True)
 BAND_DB = Standard("widest band inside the valid range", "dB", 3.0, "narrows the valid range")
@@ -56,8 +56,8 @@ LEFT_OUT = Standard("friction that the method leaves out, over the command", "%"
 """Coulomb friction c under a sine of rms u takes 4 c / (pi sqrt(2) u) of it: 3 % moves a response by 0.24 dB."""
 FIXED = Standard("fixed value off the record's own", "%", 10.0)
 FIXED_DB = Standard("response with what is fixed off the record's own", "dB", 1.0)
-HOLD = Standard("evidence for the hold (--hold) over what is enough", "", 1.0, "cannot tell", least=True)
-AGAINST = Standard("motion against the command at low frequency", "", 0.0, "cannot tell")
+HOLD = Standard("evidence on held or filtered (--hold), over what is needed", "", 1.0, "cannot tell", least=True)
+AGAINST = Standard("negative static gain", "", 0.0, "cannot tell")
 INTEGRATOR = Standard("record over its slowest time constant", "", 1.0, "cannot tell", least=True)
 UNSEEN_INSIDE = Standard("unseen response inside the band", "%", 80.0, least=True)
 UNSEEN_FOLLOWING = Standard("unseen power that follows the command, over what the band allows", "", 4.0)

@@ -192,8 +192,9 @@ def _rubbed(response: Response, controller: Controller) -> FloatArray:
     """Return the root of friction's loss of a tone alone over the greatest, by the model; of 4 mV if none is stated."""
     prediction = ChannelPrediction.of(controller, response.channel)
     channel, usual = prediction.channel, prediction.channel.environment
-    rubbed = replace(channel, environment=replace(usual, friction_v=usual.friction_v or Environment.friction_v))
-    loss = friction_loss_db(rubbed, prediction.loop, response.frequency_hz, response.level_db_sl)
+    least = replace(usual, friction_v=usual.friction_v or Environment.friction_v)
+    with_friction = replace(channel, environment=least)
+    loss = friction_loss_db(with_friction, prediction.loop, response.frequency_hz, response.level_db_sl)
     return np.sqrt(np.abs(loss) / max(float(np.max(np.abs(loss))), 1e-12))
 
 

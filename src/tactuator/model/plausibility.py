@@ -82,12 +82,12 @@ EXPECTED: Mapping[str, Plausible] = {
         "time in seconds where milliseconds are read, or a rate in mHz", impossible=True,
     ),
     "position": Plausible(
-        "half the span of the position (volts of the sensor)", "V", 5e-3, 100.0,
+        "position amplitude (sensor volts)", "V", 5e-3, 100.0,
         "metres or millimetres where volts are read, or a position that hardly moves",
         "millivolts, or counts of a converter, where volts are read",
     ),
     "command": Plausible(
-        "half the span of the command (volts)", "V", 5e-3, 2000.0,
+        "command amplitude (volts)", "V", 5e-3, 2000.0,
         "kilovolts where volts are read, or a command that hardly moves",
         "millivolts, or counts of a converter, where volts are read",
     ),
@@ -161,9 +161,10 @@ EXPECTED: Mapping[str, Plausible] = {
         "command of the record in millivolts or counts, or range_v in kilovolts",
     ),
     "recorded unit": Plausible(
-        "sensor_gain_v_per_mm over that of the unit the position was recorded in", "", 0.999, 1.001,
-        "a plant in that unit, where volts of the sensor are wanted",
-        "a plant in that unit, where volts of the sensor are wanted", impossible=True,
+        "sensor_gain_v_per_mm over its value for the unit of the model", "", 0.999, 1.001,
+        "the model is in another unit; for a model in mm, set sensor_gain_v_per_mm to 1.0",
+        "the model is in another unit; for a model in mm, set sensor_gain_v_per_mm to 1.0",
+        impossible=True,
     ),
     "curve": Plausible(
         "the threshold curve over the library's", "dB", -30.0, 45.0,

@@ -16,7 +16,7 @@ _ROWS: Mapping[str, tuple[str, ...]] = {
     "crossover (Hz)": ("margins", "crossover_hz"),
     "phase margin (deg)": ("margins", "phase_margin_deg"),
     "gain margin (dB)": ("margins", "gain_margin_db"),
-    "unstable below this gain (1: as designed)": ("margins", "least_gain"),
+    "lowest stable gain (0: stable at every lower gain)": ("margins", "least_gain"),
     "max|S|": ("margins", "sensitivity_peak"),
     "max|T|": ("margins", "complementary_peak"),
     "disk margin": ("margins", "disk_margin"),

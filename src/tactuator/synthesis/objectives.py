@@ -273,7 +273,7 @@ class _Judge:
             worst = int(np.argmin(room.level_db_sl))
             at, level, stops = float(grid[worst]), float(room.level_db_sl[worst]), room.binding[worst]
             remedy = f"{stops} stops at {level:.1f} dB SL: {_WIDENS[stops]}, or a band_hz without {at:.4g} Hz"
-            yield self.compared(("i", "threshold minus greatest level"), (-level, 0.0, "dB"), at, remedy)
+            yield self.compared(("i", "missing headroom"), (-level, 0.0, "dB"), at, remedy)
 
     def _fed(self, frequency_hz: FloatArray) -> ComplexArray | None:
         """Return H where a finger is fed forward, (n,), or None."""

@@ -332,7 +332,7 @@ class Session:
     def answer(self, answer: records.Answer) -> Acknowledged:
         """Save the answer to the pending trial; it returns only after the commit.
 
-        Raises BadInput where no trial waits, for an answer that came before its last interval had ended or was asked
+        Raises BadInput where no trial waits, for an answer given before the last interval ended or was asked
         for, and for a response that is not allowed; and StoreFault, with nothing changed, where it could not be saved:
         the same answer may then come again.
         """

@@ -214,11 +214,11 @@ class RigIncomplete(DeviceFault):
 
 
 class LinkGarbled(DeviceFault):
-    """An answer of a board has a sound checksum, and is none to the request that was made."""
+    """A reply of a board has a valid checksum, but does not answer the request."""
 
     def __init__(self, request: Request) -> None:
         what = request.name.lower().replace("_", " ")
-        super().__init__(f"the board's answer to a request ({what}) is none to it", "a board that runs this firmware")
+        super().__init__(f"unexpected reply to {what}", "a board that runs this firmware")
 
 
 @contextmanager
