@@ -22,6 +22,7 @@ from tactuator.paper.study import PRINTED, PaperStudy
 from tactuator.paper.summary import comparison, printed_error_db
 from tests.paper.conftest import Reproduced
 from tests.report.boxes import assert_texts_apart
+from witnesses.paper import assumed
 
 CHANNELS = ("index", "thumb", "middle")
 MAINS_HZ = 60.0
@@ -98,6 +99,10 @@ def test_speech__of_both_codings__is_felt_as_asked(study: PaperStudy) -> None:
     for spoken in study.spoken:
         assert spoken.report.worst_rms_db <= 1.0
         assert spoken.report.peak_db_sl <= 55.0
+
+
+def test_assumptions__page__says_what_the_study_s_files_give(study: PaperStudy) -> None:
+    assert assumed.differences(study.lab.folder, Path(__file__).parents[2] / "docs" / "assumptions.md") == []
 
 
 def test_objectives__of_the_files_by_check__are_those_of_readme(study: PaperStudy) -> None:

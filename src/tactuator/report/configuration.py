@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
 from string import Template
+from textwrap import wrap
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 _PITCH = 13.5
 """From line to line of small print in a box, pixels."""
+_LETTERS = {"F": 27, "C": 21, "P": 17}
+"""Letters of small print, 6 pixels each, that the boxes of the loop are wide."""
 
 
 def _diagram(name: str, **words: object) -> str:
@@ -43,13 +46,15 @@ def _as_corners(f: SampledSystem) -> ContinuousSystem:
     return ContinuousSystem(zeros, poles, float(np.real(f.response(0.0) / unscaled.response(0.0))))
 
 
-def _formula(system: ContinuousSystem) -> tuple[str, ...]:
+def _formula(system: ContinuousSystem, width: int) -> tuple[str, ...]:
+    """Return the fraction, or the corner frequencies in lines of so many letters at most."""
     num, den = printed_polynomials(system)
     if max(len(num), len(den)) <= 24:
         return num, "──────────", den
     corners = [np.sort(np.abs(roots)) / (2.0 * np.pi) for roots in (system.zeros, system.poles)]
     zeros, poles = (", ".join(f"{value:.3g}" for value in values) for values in corners)
-    return f"zeros {zeros} Hz", f"poles {poles} Hz", f"gain {system.gain:.5g}"
+    lists = (*wrap(f"zeros {zeros} Hz", width), *wrap(f"poles {poles} Hz", width))
+    return *lists, f"gain {system.gain:.5g}"
 
 
 def mechanism_figure(channel: Channel) -> ReportFigure:
@@ -88,7 +93,9 @@ def loop_figure(controller: Controller, channel_name: str) -> ReportFigure:
     feedback, plant = designed.feedback(rate_hz), controller.display.channel(channel_name).plant
     assert feedback is not None
     systems = {"F": _as_corners(designed.prefilter(rate_hz)), "C": continuous_form(feedback), "P": plant}
-    drawing = _diagram("loop", **{letter.lower(): _formula(system) for letter, system in systems.items()})
+    drawing = _diagram(
+        "loop", **{letter.lower(): _formula(system, _LETTERS[letter]) for letter, system in systems.items()}
+    )
     caption = (
         f"The two-degree-of-freedom controller of the {channel_name} channel, with the identified motor P and the "
         "prefilter F fitted to H/T by its corner frequencies; H = FT, T = CP/(1 + CP)."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,6 +35,7 @@ class Member:
         return ", ".join(filter(None, (self.load, self.measured, f"model {self.variant}" if self.variant else "")))
 
 
+@lru_cache(maxsize=32)
 def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[Member, ...]:
     """Return every model of the channel, without and under each load; the nominal unloaded plant first."""
     loads: tuple[Load | None, ...] = (None, *channel.loads)
