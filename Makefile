@@ -80,7 +80,7 @@ soak: install-test ## the hours: fuzzing and long properties
 bench: install-test ## ratios against peers, into out/bench.json (ARGS=name for some of them)
 	$(TEST_ENV) $(BIN)/python benchmarks/run.py $(ARGS)
 
-wheel: install-test ## sdist and wheel into out/dist, the wheel's tag checked
+wheel: install-test ## sdist, wheel and the list of runtime packages into out/dist, the wheel's tag checked
 	$(BIN)/python tools/wheel.py
 
 docs: install-test ## write docs/cli.md and the keys in docs/display.md anew from the program itself

@@ -1,6 +1,7 @@
 """Build sdist and wheel into out/dist: `make wheel`. The wheel is built from the sdist, and its tag is checked.
 
-auditwheel (requirements/wheel.txt, hashes checked) reads from the binary which symbols of the C library it needs; a tag
+Beside them lies a list of the runtime packages with version and licence (CycloneDX, in JSON), made by cyclonedx-bom.
+auditwheel (both of requirements/wheel.txt, hashes checked) reads from the binary which symbols of the C library it needs; a tag
 that promises an older system than those is refused. Nothing is written under out/dist before.
 """
 
@@ -14,12 +15,13 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+from importlib.metadata import distribution
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DIST = ROOT / "out" / "dist"
-AUDITOR = ROOT / ".setup" / "wheel"
-LOCK = ROOT / "requirements" / "wheel.txt"
+TOOLS = ROOT / ".setup" / "wheel"
+LOCK, RUNTIME = (ROOT / "requirements" / name for name in ("wheel.txt", "run.txt"))
 TAG = "manylinux_2_17_" + platform.machine()
 BUILD = (
     "import sys; from setuptools import build_meta as b; "
@@ -61,13 +63,13 @@ def settle(sdist):
             archive.addfile(member, None if content is None else io.BytesIO(content))
 
 
-def auditor():
-    """Return the path of auditwheel in an environment of its own, which is made if it is not that of the lock."""
-    program, stamp = AUDITOR / "bin" / "auditwheel", AUDITOR / "lock.txt"
+def tool(name):
+    """Return the path of a program in an environment of its own, which is made if it is not that of the lock."""
+    program, stamp = TOOLS / "bin" / name, TOOLS / "lock.txt"
     if not (program.exists() and stamp.exists() and stamp.read_text() == LOCK.read_text()):
-        shutil.rmtree(AUDITOR, ignore_errors=True)
-        run([sys.executable, "-m", "venv", "--without-pip", AUDITOR])
-        pip = [sys.executable, "-m", "pip", "--python", AUDITOR, "install", "--quiet", "--disable-pip-version-check"]
+        shutil.rmtree(TOOLS, ignore_errors=True)
+        run([sys.executable, "-m", "venv", "--without-pip", TOOLS])
+        pip = [sys.executable, "-m", "pip", "--python", TOOLS, "install", "--quiet", "--disable-pip-version-check"]
         run([*pip, "--require-hashes", "--only-binary=:all:", "-r", LOCK])
         stamp.write_text(LOCK.read_text())
     return program
@@ -75,7 +77,7 @@ def auditor():
 
 def policy(wheel):
     """Return the strictest platform that auditwheel says the wheel's binaries keep to."""
-    said = " ".join(run([auditor(), "show", wheel]).split())
+    said = " ".join(run([tool("auditwheel"), "show", wheel]).split())
     found = re.search(r'consistent with the following platform tag: "(\w+)"', said)
     if found is None:
         sys.exit("wheel: auditwheel names no platform: %s" % said[:500])
@@ -91,8 +93,34 @@ def require_tag(wheel, allowed):
         sys.exit("wheel: its binaries keep to %s, and its name says %s" % (found, allowed))
 
 
+def runtime_environment(folder):
+    """Make an environment that knows the packages of the runtime lock, by links to what is installed, and no other."""
+    run([sys.executable, "-m", "venv", "--without-pip", folder])
+    (packages,) = folder.glob("lib/python3*/site-packages")
+    lock = RUNTIME.read_text(encoding="ascii")
+    for name in re.findall(r"^([\w.-]+)==", lock, flags=re.MULTILINE):
+        if name != "setuptools":  # it builds, and does not run
+            metadata = Path(str(distribution(name).locate_file(metadata_folder(name))))
+            (packages / metadata.name).symlink_to(metadata)
+    return folder
+
+
+def metadata_folder(name):
+    """Return the name of the folder with a package's metadata."""
+    return next(file.parts[0] for file in distribution(name).files if file.parts[0].endswith(".dist-info"))
+
+
+def packages_list(wheel, place):
+    """Write the list of the runtime packages; it tells neither time nor serial number, so it is the same each time."""
+    path = place / (wheel.name.split("-cp")[0] + ".cdx.json")
+    options = ["--output-reproducible", "--output-format", "JSON", "--output-file", path]
+    about = ["--pyproject", ROOT / "pyproject.toml", runtime_environment(place / "run")]
+    run([tool("cyclonedx-py"), "environment", *options, *about])
+    return path
+
+
 def main():
-    """Build both and check the wheel's tag; move them to out/dist when they are whole."""
+    """Build both and check the wheel's tag; move them to out/dist when they are whole, with the list of packages."""
     with tempfile.TemporaryDirectory(prefix="tactuator-wheel-") as folder:
         place = Path(folder)
         sdist = built("sdist", ROOT, place)
@@ -105,7 +133,7 @@ def main():
             sys.exit("wheel: its name is %s; expected cp311-abi3 and %s" % (wheel.name, TAG))
         require_tag(wheel, TAG)
         DIST.mkdir(parents=True, exist_ok=True)
-        for path in (sdist, wheel):
+        for path in (sdist, wheel, packages_list(wheel, place)):
             shutil.copyfile(path, DIST / (path.name + ".part"))
             (DIST / (path.name + ".part")).rename(DIST / path.name)
             print(DIST / path.name)

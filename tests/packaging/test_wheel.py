@@ -87,10 +87,24 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
 
 
 @pytest.mark.slow
+def test_packages_list__beside_the_wheel__has_the_runtime_lock_with_versions_and_licences(installation) -> None:
+    (path,) = maker.DIST.glob("*.cdx.json")
+    text = path.read_text(encoding="utf-8")
+    document = json.loads(text)
+    lock = dict(re.findall(r"^([\w.-]+)==(\S+)", maker.RUNTIME.read_text(encoding="ascii"), re.MULTILINE))
+    del lock["setuptools"]
+    listed = {re.sub("[-_.]+", "-", part["name"]).lower(): part for part in document["components"]}
+    assert {name: part["version"] for name, part in listed.items()} == lock
+    assert [name for name, part in listed.items() if not part.get("licenses")] == []
+    assert document["metadata"]["component"]["name"] == "tactuator"
+    assert (document["bomFormat"], "timestamp" in text, str(ROOT) in text) == ("CycloneDX", False, False)
+
+
+@pytest.mark.slow
 def test_wheel_and_sdist__built_twice__are_the_same_bytes_without_a_path_of_this_machine(installation) -> None:
     first = {path.name: path.read_bytes() for path in maker.DIST.glob("tactuator-*") if path.suffix != ".part"}
     maker.main()
-    assert len(first) >= 2
+    assert len(first) >= 3
     assert {name: (maker.DIST / name).read_bytes() for name in first} == first
     wheel = next(path for path in maker.DIST.glob("*-cp311-abi3-*.whl"))
     with zipfile.ZipFile(wheel) as archive:
