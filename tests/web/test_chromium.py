@@ -94,7 +94,10 @@ def test_page__phone__fits_its_width_and_is_answered_by_touch(shared, browser) -
     assert page.evaluate("heard").pop() == ["paused", True]  # the masking sound goes on until the rig is at rest
     assert page.evaluate("page.noise.context") is None
     page.locator("#others button").first.tap()
-    visible(page, "You have left")
+    visible(page, "This cannot be undone")
+    assert page.locator("#others button").last.evaluate("back => back === document.activeElement")
+    page.locator("#others button").first.tap()
+    visible(page, "You have left the study, and your answers may be used")
     assert errors == []
     context.close()
 
@@ -181,12 +184,12 @@ def test_keys__by_where_they_stand__answer_on_every_layout(start, page) -> None:
     asked(page)
     page.evaluate("window.said = []; link.send = (message) => { said.push(message); }")
     for key, code in (("&", "Digit1"), ("é", "Digit2"), ("1", "Digit1"), ("3", "Numpad3"), ("PageDown", "Numpad3")):
-        page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
+        page.evaluate("said.length = 0; page.unsaved = null; setPending({ run: 1, number: 0 })")
         page.evaluate(
             "([key, code]) => document.dispatchEvent(new KeyboardEvent('keydown', { key, code }))", [key, code]
         )
         assert page.evaluate("said.map((one) => one.response)") == [code[-1]], (key, code)
-    page.evaluate("said.length = 0; page.unsaved = null; stand({ run: 1, number: 0 })")
+    page.evaluate("said.length = 0; page.unsaved = null; setPending({ run: 1, number: 0 })")
     page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', { key: '4', code: 'Digit4' }))")
     assert page.evaluate("said") == []
 

@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -10,6 +11,7 @@ from sqlalchemy import select
 from tactuator.experiment.session.session import Pace
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
+from tactuator.experiment.words import shipped_words
 from tactuator.web import lab as web_lab
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, opened_study, response_of, rows_of
@@ -242,7 +244,7 @@ def test_operator__corrects_what_was_noted__and_the_page_shows_it(make) -> None:
         while (found := until(socket, "snapshot")["sessions"][0])["demographics"] == {}:
             pass
         assert (found["group"], found["participant_id"], found["demographics"]) == ("unknown", "q7", {"age": "34"})
-        for amiss, words in (({"demographics": {}}, "nothing differs"), ({"reason": ""}, "reason")):
+        for amiss, words in (({"demographics": {}}, "nothing differs"), ({"reason": ""}, "Reason")):
             socket.send_json({**message, **amiss})
             assert words in until(socket, "refused")["message"]
     assert events(lab) == ["correction"] * 3
@@ -316,7 +318,7 @@ def test_practice__given_up_while_the_page_waits__the_page_shows_what_comes_inst
             operator.send_json({"type": "give-up-run"})
             now = until(socket, "stage")
         session = lab.opened(1)
-    assert (now["stage"], now["introduction"]) == ("trial", "")
+    assert (now["stage"], now["introduction"]) == ("trial", "Practice is over. From now on your answers count.")
     assert (session.failed_practice, session.upcoming.position) == (None, 1)
 
 
@@ -426,3 +428,34 @@ def test_defect__in_saving_an_answer__leaves_the_rig_and_other_sessions_alone(cl
         assert (rested, lab.paused) == ([], False)
         answer(socket, stands)
         monkeypatch.undo()
+
+
+def test_operator__field_that_cannot_be_taken__is_named_in_the_language_of_the_page(make) -> None:
+    lab = make()
+    lab.study.task = replace(lab.study.task, words=shipped_words("de"))
+    for message, field in (
+        ({"type": "enrol", "code": "S 9"}, "code"),
+        ({"type": "enrol", "code": "S9", "participant_id": "a b"}, "participant_id"),
+        ({"type": "correct", "subject": "S1", "reason": ""}, "reason"),
+        ({"type": "day", "session": 1, "skin_temperature_c": "warm"}, "skin_temperature_c"),
+    ):
+        with at_pages(lab, "operator") as (socket,):
+            socket.send_json(message)
+            refused = until(socket, "refused")
+        label = {"code": "Kürzel", "participant_id": "Externe", "reason": "Grund", "skin_temperature_c": "Hauttemperatur"}
+        assert refused["field"] == field
+        assert label[field][:4] in refused["message"]
+
+
+def test_first_run_after_practice__is_announced_and_waits_for_the_subject(make) -> None:
+    lab = make()
+    announced = "Practice is over. From now on your answers count."
+    with at_page(lab) as socket:
+        stands = begun(socket)
+        answer(socket, stands)
+        answer(socket, until(socket, "answer-now"))
+        assert until(socket, "stage")["introduction"] == announced
+        with pytest.raises(TimeoutError):
+            socket._connection.recv(timeout=0.3)
+        socket.send_json({"type": "ready", "stage": "trial"})
+        until(socket, "answer-now")

@@ -82,7 +82,7 @@ def recognise(
 def _terminal(task: SessionTask) -> Respondent:
     question, words = task.question, task.words
     keys = {key: choice.response for choice in question.choices for key in choice.keys}
-    offered = ", ".join(f"{choice.keys[0]} = {choice.response}" for choice in question.choices)
+    offered = ", ".join(f"{choice.keys[0]} = {choice.label}" for choice in question.choices)
 
     class Terminal(Respondent):
         def agree(self, consent: str) -> bool:

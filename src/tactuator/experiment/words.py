@@ -14,6 +14,8 @@ from tactuator.errors import BadInput
 from tactuator.io.text import parse_toml, read_text
 
 _SOURCE_LANGUAGE = "en"
+_RIGHT_TO_LEFT = frozenset(("ar", "arc", "ckb", "dv", "fa", "he", "ps", "sd", "syr", "ug", "ur", "yi"))
+"""Languages that are written from right to left in their usual script."""
 _TEXT_LENGTH_MAX = 400
 _KEYS_TOLD = 5
 
@@ -27,6 +29,12 @@ class Words:
 
     language: str
     texts: Mapping[str, str]
+
+    @property
+    def direction(self) -> str:
+        """Return the direction in which the language is written, as a page's `dir`: "rtl" or "ltr"."""
+        parts = self.language.lower().split("-")
+        return "rtl" if parts[0] in _RIGHT_TO_LEFT or {"arab", "hebr"} & set(parts[1:2]) else "ltr"
 
     def __call__(self, key: str, /, **values: object) -> str:
         """Return the text of that key with the values put in. Raises KeyError for a key that no file has."""

@@ -136,4 +136,7 @@ def refusal(error: ValidationError, what: str, allowed: str = "") -> BadInput:
     cause = first.get("ctx", {}).get("error")
     place = ".".join(str(part)[:40] for part in first["loc"])
     plain = BadInput(first["msg"], allowed, where=(what, *([place] if place else [])))
-    return cause if isinstance(cause, BadInput) else plain
+    if isinstance(cause, BadInput):
+        cause.where = cause.where or plain.where
+        return cause
+    return plain

@@ -21,6 +21,15 @@ from tactuator.web.messages import FROM_OPERATOR, Command, Correct, Day, Enrol, 
 from tactuator.web.sockets import first_to_end, receive_text, send
 
 _REFRESH_S = 1.0
+_FIELDS = {
+    "code": "operator.code",
+    "group": "operator.group",
+    "participant_id": "operator.participant_id",
+    "reason": "operator.reason",
+    "skin_temperature_c": "operator.skin_temperature",
+    "preload_n": "operator.contact_force",
+}
+"""Text of each field of a form, by its name in a message."""
 
 
 class OperatorPage:
@@ -62,9 +71,12 @@ class OperatorPage:
                 text = await receive_text(self.socket)
                 await self._handle(message_of(FROM_OPERATOR, text, "command"))
             except (BadInput, LabFault) as error:
-                await send(
-                    self.socket, {"type": "refused", "message": self.lab.words("operator.refused", reason=error)}
-                )
+                field = error.where[-1].rpartition(".")[2] if isinstance(error, BadInput) and error.where else ""
+                words = self.lab.words
+                label = _FIELDS.get(field)
+                reason = error if label is None else words("operator.refused_value", field=words(label))
+                said = {"message": words("operator.refused", reason=reason), "field": field}
+                await send(self.socket, {"type": "refused", **said})
 
     async def _handle(self, message: OperatorMessage) -> None:
         if isinstance(message, Command):

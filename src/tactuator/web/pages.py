@@ -31,7 +31,7 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 _PAGE = """<!doctype html>
-<html lang="{language}">
+<html lang="{language}" dir="{direction}">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -63,6 +63,7 @@ def page(name: str, words: Words, scripts: Sequence[str]) -> Response:
     return HTMLResponse(
         _PAGE.format(
             language=escape(words.language),
+            direction=words.direction,
             title=escape(words(f"{table}title")),
             parts="\n".join(parts),
             words=json.dumps(texts, ensure_ascii=False).replace("<", "\\u003c"),

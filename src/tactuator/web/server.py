@@ -163,12 +163,17 @@ def _log_visibly() -> None:
     """Let the log show what a request may hold as escapes, and be silent on requests that are none."""
     handler = logging.StreamHandler()
     handler.setFormatter(_Visible("%(levelname)s: %(message)s"))
-    handler.addFilter(lambda record: record.msg not in _NO_REQUEST)
+    handler.addFilter(_tells_of_us)
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
 
 
-_NO_REQUEST = ("Invalid HTTP request received.",)
-"""What uvicorn logs of each request that is none: strangers may send any number."""
+_NO_REQUEST = ("Invalid HTTP request received.", "ASGI callable returned without completing handshake.")
+
+
+def _tells_of_us(record: logging.LogRecord) -> bool:
+    """Return False for what uvicorn logs of each request that is none: strangers may send any number."""
+    broken = record.exc_info is not None and record.exc_info[0] is h11.LocalProtocolError
+    return record.msg not in _NO_REQUEST and not broken
 
 
 def run_server(

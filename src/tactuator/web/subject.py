@@ -155,7 +155,10 @@ class SubjectTab:
 
     async def _run_trials(self, session: Session) -> None:
         """Play trial after trial until the stage changes, or something fails: then the subject says when to go on."""
+        _, introduced = session.comes
         while session.stage == "trial":
+            if session.comes[1] not in ("", introduced):
+                return  # another run is announced: the page says when it begins
             if not self.lab.may_play(self.id):
                 await self._stage(session)
                 await self._until_changed()

@@ -213,7 +213,7 @@ def test_languages__shipped__are_english_and_two_more_with_the_same_keys_and_nam
         assert difference(texts, ENGLISH) is None, language
         same = {key for key, text in texts.items() if text == ENGLISH[key] and len(text) > 12}
         assert language == "en" or same <= {"operator.minutes", "operator.rig", "run.title"}
-    with pytest.raises(BadInput, match="language 'tlh'; expected de, en, fr, or a language_file"):
+    with pytest.raises(BadInput, match="language 'tlh'; expected de, en, fr, he, or a language_file"):
         shipped_words("tlh")
 
 

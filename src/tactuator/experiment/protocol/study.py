@@ -188,7 +188,10 @@ class StudyProtocol:
         language = words or shipped_words("en")
         parts = self.parts(language)
         order = self.order(len(parts), subject, visit)
-        runs = [*self.practice(parts, order, language), *(parts[index] for index in order)]
+        practice, first = self.practice(parts, order, language), [parts[index] for index in order]
+        if practice and first:
+            first[0] = replace(first[0], announcement=language("run.counts"))
+        runs = [*practice, *first]
         return tuple(replace(run, position=position) for position, run in enumerate(runs))
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
@@ -266,7 +269,7 @@ class PlannedRun:
     frequency_hz: None where the procedure chooses, or without one. feedback: True if the right response is shown
     after each answer. title: name for the operator. typical_trials: about how many it has. trials: their number, where
     that is known before. practice: True for a run that is not analysed. introduction: text that the subject reads
-    before the run begins; an empty one lets it begin at once. part: the plan of its task that it is of. position:
+    before the run begins; an empty one lets it begin at once. announcement: what a page says before it. part: the plan of its task that it is of. position:
     counted from 0 in the session.
     """
 
@@ -280,6 +283,7 @@ class PlannedRun:
     trials: int | None = None
     practice: bool = False
     introduction: str = ""
+    announcement: str = ""
     part: int = 0
     position: int = 0
 

@@ -253,7 +253,8 @@ class Session:
     @property
     def comes(self) -> tuple[str, str]:
         """Return what a page shows before the subject goes on: the stage and the introduction of the next run."""
-        return self.stage, "" if self.upcoming is None else self.upcoming.introduction
+        run = self.upcoming
+        return self.stage, "" if run is None else "\n".join(filter(None, [run.announcement, run.introduction]))
 
     def next_trial(self) -> NextTrial:
         """Return the trial to present now; begins a run where none goes on, and again where it lay too long.

@@ -148,15 +148,17 @@ class Apparatus:
 class OfferedResponse:
     """A response as it is offered.
 
-    keys: characters any of which gives it. codes: physical keys that give it whatever the layout puts there
+    keys: characters any of which gives it. label: what it says, by default the response. codes: physical keys that give it whatever the layout puts there
     (KeyboardEvent.code).
     """
 
     response: str
     keys: tuple[str, ...]
+    label: str = ""
     codes: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "label", self.label or self.response)
         object.__setattr__(self, "codes", _key_codes(self.keys))
 
 

@@ -227,9 +227,11 @@ class DetectionTask(ToneTask):
     @property
     def question(self) -> Question:
         responses = self.protocol.paradigm.responses
-        choices = tuple(OfferedResponse(response, (response,)) for response in responses)
         if self.protocol.paradigm.yes_no:
+            labels = (self.words("page.yes"), self.words("page.no"))
+            choices = tuple(OfferedResponse(one, (one,), label) for one, label in zip(responses, labels, strict=True))
             return Question(self.words("prompt.yes_no"), choices)
+        choices = tuple(OfferedResponse(response, (response,)) for response in responses)
         return Question(self.words("prompt.detection"), choices, responses)
 
     @property

@@ -21,13 +21,13 @@ class Choices {
     new ResizeObserver(() => this.fit()).observe(box.parentElement);
   }
 
-  button({ response, keys }, chosen) {
-    const label = make("span", { class: "label" }, response);
+  button({ response, label: text, keys }, chosen) {
+    const label = make("span", { class: "label", dir: "auto" }, text);
     const single = keys.filter((key) => key.length === 1);
     const button = make("button", { class: "choice", type: "button" }, label);
     if (single.length > 0) {
       button.setAttribute("aria-keyshortcuts", single[0]);
-      if (!single.includes(response)) button.append(make("kbd", { "aria-hidden": "true" }, single[0]));
+      if (!single.includes(text)) button.append(make("kbd", { "aria-hidden": "true" }, single[0]));
     }
     button.onclick = () => chosen(response);
     return button;
@@ -135,6 +135,6 @@ class Choices {
   widest() {
     const pen = document.createElement("canvas").getContext("2d");
     pen.font = `600 100px ${getComputedStyle(this.box).fontFamily}`;
-    return Math.max(...this.choices.map((choice) => pen.measureText(choice.response).width)) / 100;
+    return Math.max(...this.choices.map((choice) => pen.measureText(choice.label).width)) / 100;
   }
 }

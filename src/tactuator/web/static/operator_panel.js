@@ -20,6 +20,7 @@ function openOperator(token, gone = () => banner(word("lost"))) {
       else {
         accepted = () => {};
         say(message.message);
+        for (const one of document.querySelectorAll("form [name]")) one.setAttribute("aria-invalid", String(one.name === message.field));
       }
     },
     (socket) => { socket.send(token); banner(""); },

@@ -6,6 +6,7 @@ const page = {
   about: null, stage: null, ended: null, introduction: "", waiting: false, going: false, asked: false, pending: null, unsaved: null,
   shownAt: 0, litAt: [], noise: null, choices: null, demonstration: null, restUntil: 0, over: false, leaving: false,
 };
+const ENDS = { declined: "declined", withdrawn: "withdrawn_keep", "withdrawn-discard": "withdrawn_discard" };
 const finished = () => page.stage === "done" || page.stage === "ended";
 const say = (text) => { if (el("status").textContent !== text) el("status").textContent = text; };
 
@@ -55,6 +56,7 @@ const handlers = {
   stage(message) {
     page.restUntil = message.break_left_s > 0 ? performance.now() + 1000 * message.break_left_s : 0;
     if (message.stage === "break" && page.stage !== "break") rest();
+    if (message.stage === "trial" && page.going && !["", page.introduction].includes(message.introduction)) page.going = page.asked = false; // announced
     if (message.stage !== page.stage) { page.asked = false; page.leaving = page.leaving && message.stage === "paused"; }
     Object.assign(page, { stage: message.stage, ended: message.ended, introduction: message.introduction, waiting: message.waiting });
     progress(message);
@@ -71,6 +73,7 @@ const handlers = {
   },
   playing() {
     page.waiting = false;
+    banner(""); // what had failed plays again
     page.litAt = [];
     setPending(null);
     page.choices.clear();
@@ -94,7 +97,8 @@ const handlers = {
       const correct = page.unsaved.response === message.right;
       if (!correct) page.choices.mark(page.unsaved.response, "wrong");
       page.choices.mark(message.right, "right");
-      say(correct ? word("right") : word("wrong", { right: message.right }));
+      const { label } = page.about.choices.find((choice) => choice.response === message.right) || { label: message.right };
+      say(correct ? word("right") : word("wrong", { right: label }));
     }
     page.unsaved = null;
     setPending(null);
@@ -173,13 +177,18 @@ function show() {
   if (page.over || page.about === null) return;
   hideAll();
   if (finished()) {
-    say(word(page.stage === "done" ? "done" : page.ended === "declined" ? "declined" : "withdrawn"));
+    say(word(page.stage === "done" ? "done" : ENDS[page.ended]));
     el("left").textContent = "";
     page.noise.stop();
   } else if (page.leaving && !(page.stage === "trial" && page.going)) {
     say(word("withdraw_ask"));
-    const withdraw = (keep) => () => link.send({ type: "withdraw", keep });
-    asked([[word("withdraw_keep"), withdraw(true)], [word("withdraw_discard"), withdraw(false)], [word("back"), () => { page.leaving = false; show(); }]]);
+    const back = [word("back"), () => { page.leaving = false; show(); }];
+    const sure = (keep) => () => {
+      say(word(keep ? "withdraw_sure_keep" : "withdraw_sure_discard"));
+      asked([[word("withdraw"), () => link.send({ type: "withdraw", keep })], back]);
+      el("others").lastElementChild.focus();
+    };
+    asked([[word("withdraw_keep"), sure(true)], [word("withdraw_discard"), sure(false)], back]);
     el("others").lastElementChild.focus(); // Enter goes back, and leaves nothing
   } else if (page.stage === "trial" && page.going) trial();
   else {
@@ -210,11 +219,22 @@ function trial() {
 
 function goOn() { page.asked = true; link.send({ type: "ready", stage: page.stage }); }
 
+// Scrolls on, and returns true, where the end of the text has not been in sight: Enter agrees to what can have been read.
+function readOn() {
+  const main = document.querySelector("main"), { bottom } = main.getBoundingClientRect();
+  if (el("text").hidden || el("text").getBoundingClientRect().bottom <= bottom + 2) return false;
+  banner(word("read_on"));
+  main.scrollBy({ top: 0.8 * main.clientHeight });
+  return true;
+}
+
 function go() {
   if (page.over) { location.reload(); return; }
   if (page.asked || el("go").disabled) return;
   if (!el("names").hidden && !el("names").reportValidity()) return;
+  if (page.stage === "consent" && readOn()) return;
   page.noise.start();
+  banner("");
   if (page.stage === "consent") { link.send({ type: "consent", name: el("name").value }); return; }
   page.going = page.stage !== "break" || page.introduction === "";
   goOn();
@@ -231,6 +251,7 @@ function pause() {
 }
 
 function answer(response) {
+  if (page.pending === null && page.unsaved === null && page.stage === "trial" && page.going) say(word("too_early"));
   if (page.pending === null || page.unsaved !== null) return;
   const pressed = performance.now(), lit = Array.from(page.litAt, (at) => at === undefined ? null : at);
   page.unsaved = { type: "answer", ...page.pending, response, shown_ms: page.shownAt, pressed_ms: pressed, lit_ms: lit };
