@@ -1,8 +1,8 @@
 """Build sdist and wheel into out/dist: `make wheel`. The wheel is built from the sdist, and its tag is checked.
 
 Beside them lies a list of the runtime packages with version and licence (CycloneDX, in JSON), made by cyclonedx-bom.
-auditwheel (both of requirements/wheel.txt, hashes checked) reads from the binary which symbols of the C library it needs; a tag
-that promises an older system than those is refused. Nothing is written under out/dist before.
+auditwheel (both of requirements/wheel.txt, hashes checked) reads from the binary which symbols of the C library it
+needs; a tag that promises an older system than those is refused. Nothing is written under out/dist before.
 """
 
 import gzip

@@ -269,7 +269,8 @@ class PlannedRun:
     frequency_hz: None where the procedure chooses, or without one. feedback: True if the right response is shown
     after each answer. title: name for the operator. typical_trials: about how many it has. trials: their number, where
     that is known before. practice: True for a run that is not analysed. introduction: text that the subject reads
-    before the run begins; an empty one lets it begin at once. announcement: what a page says before it. part: the plan of its task that it is of. position:
+    before the run begins; an empty one lets it begin at once. announcement: what a page says before it.
+    part: the plan of its task that it is of. position:
     counted from 0 in the session.
     """
 

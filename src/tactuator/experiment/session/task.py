@@ -148,7 +148,8 @@ class Apparatus:
 class OfferedResponse:
     """A response as it is offered.
 
-    keys: characters any of which gives it. label: what it says, by default the response. codes: physical keys that give it whatever the layout puts there
+    keys: characters any of which gives it. label: what it says, by default the response.
+    codes: physical keys that give it whatever the layout puts there
     (KeyboardEvent.code).
     """
 
