@@ -165,12 +165,16 @@ class Mishaps:
     def answer_that_is_not_sent(self) -> None:
         """The network takes nothing more, and says so later."""
         key = self.right
-        self.page.evaluate("() => { const lost = link.socket; lost.send = () => {}; setTimeout(() => lost.close(), 300); }")
+        self.page.evaluate(
+            "() => { const lost = link.socket; lost.send = () => {}; setTimeout(() => lost.close(), 300); }"
+        )
         self.press(key)
 
     def acknowledgement_that_does_not_come(self) -> None:
         key = self.right
-        self.page.evaluate("() => { const deaf = link.socket; deaf.onmessage = null; setTimeout(() => deaf.close(), 300); }")
+        self.page.evaluate(
+            "() => { const deaf = link.socket; deaf.onmessage = null; setTimeout(() => deaf.close(), 300); }"
+        )
         self.press(key)
 
     def offline(self) -> None:

@@ -442,7 +442,12 @@ def test_operator__field_that_cannot_be_taken__is_named_in_the_language_of_the_p
         with at_pages(lab, "operator") as (socket,):
             socket.send_json(message)
             refused = until(socket, "refused")
-        label = {"code": "Kürzel", "participant_id": "Externe", "reason": "Grund", "skin_temperature_c": "Hauttemperatur"}
+        label = {
+            "code": "Kürzel",
+            "participant_id": "Externe",
+            "reason": "Grund",
+            "skin_temperature_c": "Hauttemperatur",
+        }
         assert refused["field"] == field
         assert label[field][:4] in refused["message"]
 
