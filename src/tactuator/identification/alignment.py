@@ -126,6 +126,26 @@ def _greatest(values: FloatArray, count: int) -> FloatArray:
     return values
 
 
+_REPEATS, _CODES = 0.2, 2.5
+"""Share of a command's values that it repeats, from which on they are looked at; their usual change over the least,
+below which they are codes of a converter or of a binary sequence."""
+
+
+def moved_between(command: FloatArray) -> FloatArray | None:
+    """Return a command (n,) as it was if it was logged more slowly than the position: gone on smoothly between the
+    values that it repeats. None for one that repeats none, or that has few codes.
+    """
+    places = np.concatenate([[0], np.flatnonzero(np.diff(command)) + 1])
+    if places.size < _AROUND or np.mean(np.diff(places) > 1) < _REPEATS:
+        return None
+    values = command[places]
+    change = np.abs(np.diff(values))
+    if np.median(change) < _CODES * np.min(change):
+        return None
+    along = np.minimum(np.arange(command.size), places[-1])
+    return np.asarray(scipy.interpolate.CubicSpline(places, values)(along))
+
+
 def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
     """Return what was lost of command or position (n,), in order; nothing where their clocks are apart."""
     half, later, alike = pieces_delays(command, position)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactuator.errors import BadInput
-from tactuator.identification.alignment import align
+from tactuator.identification.alignment import align, moved_between
 from tactuator.identification.check import Prepared, check
 from tactuator.identification.data import Data, response_of, response_of_periods
 from tactuator.identification.distortion import distortion_of_periods
@@ -79,6 +79,8 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
             other = _begin(causal, holds, known, note)
             if other[2].evidence < first.evidence - CERTAIN:
                 data, starts, first = other
+    if source == "data":
+        _require_held(common, holds, known, first if distortion is None else None)
     friction = None
     if options.friction and distortion is None and common.references is None:
         friction = fit_friction(first, holds, known, note)
@@ -89,6 +91,34 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     return identification(
         common, estimate, source, None if distortion is None else distortion.scaled(common.gain), friction
     )
+
+
+def _require_held(common: Prepared, holds: tuple[Hold, ...], known: Known, first: SpectralEstimate | None) -> None:
+    """Raise BadInput for commands that repeat their values, unless it is certain that they were held meanwhile: one
+    that was logged more slowly than the position had moved on by then, and the model would lead by that time.
+
+    first: a glance at the records as they are, if there is one.
+    """
+    between = [moved_between(command) for command, _ in common.signals]
+    if all(command is None for command in between):
+        return
+    joined = [
+        (was if command is None else command, position)
+        for command, (was, position) in zip(between, common.signals, strict=True)
+    ]
+    plain, moving = (
+        _begin(response_of(signals, common.rate_hz), holds, known, lambda _: None)[2] if seen is None else seen
+        for signals, seen in ((common.signals, first), (joined, None))
+    )
+    command = common.signals[next(k for k, each in enumerate(between) if each is not None)][0]
+    each = command.size / (1.0 + np.count_nonzero(np.diff(command)))
+    ahead = moving.evidence - plain.evidence
+    if not ahead > CERTAIN:
+        moved = "the position answers one that went on" if ahead < -CERTAIN else "it may have gone on"
+        raise BadInput(
+            f"the command repeats its values, {each:.3g} samples each, and {moved} between them",
+            "a command logged as often as the position, or --hold zero-order if it was held",
+        )
 
 
 def _begin(

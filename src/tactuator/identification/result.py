@@ -246,7 +246,7 @@ _BETWEEN = {
     "first-order": "joined by straight lines (first-order hold)",
     "band-limited": "smooth, through a filter (band-limited)",
 }
-_SAID_BY = {"data": "as the data show", "file": "as the record's file says", "asked": "as you said"}
+_SAID_BY = {"file": "known: the record's file says so", "asked": "known: as stated"}
 
 
 def _rows(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
@@ -278,8 +278,11 @@ def _rows(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, 
 
 def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     model = fit.model
-    sure = "" if fit.between.certain else "; not certain, so the band covers the other as well"
-    yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {_SAID_BY[fit.between.source]}{sure}"
+    said = "unknown, taken as this; the band covers the other as well"
+    if fit.between.certain:
+        said = f"likely: -2 log likelihood is better by {fit.between.advantage:.3g} than of the other"
+    said = _SAID_BY.get(fit.between.source, said)
+    yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {said}"
     yield "feedback during the recording", {True: "yes", False: "no", None: "unknown"}[fit.tests.feedback]
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
