@@ -158,9 +158,10 @@ class PlantModel(Result):
         """Return the transfer function in a line, four digits of each coefficient, and where it is valid."""
         num, den = polynomial(self.num), polynomial(self.den)
         above = f"({num})" if " " in num else num
+        delay = f" exp(-{self.delay_s:.4g} s)" if self.delay_s > 0.0 else ""
         valid = self.valid_hz
         return [
-            found("model", f"{above}/({den})"),
+            found("model", f"{above}/({den}){delay}"),
             *([] if valid is None else [found("valid", f"{valid[0]:.3g} to {valid[1]:.3g} Hz")]),
         ]
 
