@@ -150,7 +150,7 @@ class CurveShares:
     normal_offset_db: Annotated[Positive, Field(description="offset of normal curves")] = 4.0
     normal_tilt_db_per_decade: Annotated[Positive, Field(description="tilt of normal curves")] = 2.5
     normal_wave_db: Annotated[Positive, Field(description="smooth wave of normal curves")] = 2.0
-    rough_share: Annotated[Share, Field(description="people with a normal curve that is rough")] = 0.5
+    rough_share: Annotated[Share, Field(description="people with a normal curve that is rough")] = 0.25
     rough_db: Annotated[Positive, Field(description="roughness from one frequency to the next")] = 3.0
     broad_share: Annotated[Share, Field(description="people with a loss over the whole band")] = 0.12
     broad_mean_db: Annotated[Number, Field(description="mean of such a loss")] = 8.0
