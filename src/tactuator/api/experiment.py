@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from sqlalchemy import func, select
 
 from tactuator import report
 from tactuator.api.option import Argument, Option, option_of
@@ -37,7 +36,8 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers, with_truths
-from tactuator.experiment.store import records, schema
+from tactuator.experiment.store import records
+from tactuator.experiment.store.erasure import erase as erase_subject
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_relative_curve, write_curve
@@ -207,6 +207,37 @@ def correct(
     with _opened_study(store, study, operator) as opened:
         changes = opened.correct(code, correction, reason)
     return CorrectedResult(opened.protocol.study.name, code, tuple(map(asdict, changes)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ErasedResult(Result):
+    """How much was erased of a subject, and what is left to do where the program does not reach."""
+
+    study: str
+    visits: int
+    runs: int
+    trials: int
+    is_file: bool
+
+    def notices(self) -> Sequence[str]:
+        server = [] if self.is_file else ["the server keeps deleted rows until VACUUM FULL, and in its own logs"]
+        return [*server, "erase the subject from the protocol file, exports and backups, too"]
+
+
+def erase(
+    store: Annotated[Place, Argument("Store of the experiment.", metavar="STORE", type=str)],
+    code: Code,
+    study: StudyName = None,
+    operator: OperatorName = None,
+) -> ErasedResult:
+    """Erase everything of a subject from a store. An event says that it was done and how much, without a name."""
+    with closing(Store(store, must_exist=True)) as database, sessions_of(store):
+        database.compact()  # refused while another program reads, before anything is gone
+        with database.begin() as connection:
+            opened = study_records(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
+            erased = erase_subject(connection, opened.id, code, opened.now, opened.who)
+        database.compact()
+        return ErasedResult(opened.protocol.study.name, **vars(erased), is_file=database.is_file)
 
 
 @contextmanager
@@ -536,10 +567,7 @@ def backup(
 ) -> BackupResult:
     """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
     with closing(Store(store, must_exist=True, whole=False)) as database:
-        database.backup(Path(out))
-    with closing(Store(Path(out), must_exist=True)) as copy, copy.read() as connection:
-        answers = connection.execute(select(func.count()).select_from(schema.response)).scalar_one()
-    return BackupResult(Path(out), answers)
+        return BackupResult(Path(out), database.backup(Path(out)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

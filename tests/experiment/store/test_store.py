@@ -12,10 +12,10 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from sqlalchemy import inspect
+from sqlalchemy import delete, func, inspect, select
 
 from tactuator.api.experiment import backup
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tests.experiment.session.apparatuses import answer_one, begin, opened_study
@@ -206,3 +206,67 @@ def test_server__that_is_none__is_refused_in_one_line(answer: bytes) -> None:
         with pytest.raises(BadInput, match="is no PostgreSQL server; expected "):
             Store(f"postgresql://lab@127.0.0.1:{other.getsockname()[1]}/study")
         speaking.join()
+
+
+def torn_copy(tmp_path, writer):
+    writer.stdout.readline()
+    return Path(shutil.copy(tmp_path / "lab.db", tmp_path / "alone.db"))
+
+
+def test_copy__without_its_log__is_refused_while_another_program_has_it_open_and_afterwards(tmp_path) -> None:
+    path = tmp_path / "lab.db"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, path], stdin=-1, stdout=-1, text=True)
+    try:
+        alone = torn_copy(tmp_path, writer)
+        with closing(sqlite3.connect(alone)) as other:
+            other.execute("CREATE TABLE note (text)")
+            other.commit()
+            assert Path(f"{alone}-wal").stat().st_size
+            for _ in range(2):
+                with pytest.raises(BadInput, match=r"alone.db was copied"):
+                    Store(alone, must_exist=True)
+        for _ in range(2):
+            with pytest.raises(BadInput, match=r"alone.db was copied"):
+                Store(alone, must_exist=True)
+        Store(path, must_exist=True).close()
+    finally:
+        writer.kill()
+        writer.communicate()
+    for name in ("lab.db", "lab.db-wal"):
+        shutil.copy(tmp_path / name, tmp_path / name.replace("lab", "both"))
+    old_log = Path(f"{path}-wal").read_bytes()
+    Store(tmp_path / "both.db", must_exist=True).close()
+    Store(tmp_path / "both.db", must_exist=True).close()
+    backup(path, tmp_path / "whole.db")
+    (tmp_path / "whole.db-wal").write_bytes(old_log)
+    content = (tmp_path / "whole.db").read_bytes()
+    with pytest.raises(BadInput, match=r"whole.db-wal beside it is of another file; .*delete whole.db-wal"):
+        Store(tmp_path / "whole.db", must_exist=True)
+    assert (tmp_path / "whole.db").read_bytes() == content
+
+
+@pytest.mark.parametrize("planted", ["link", "hard link", "pipe"])
+def test_lock__planted_link__is_refused_and_its_target_stays(tmp_path, planted) -> None:
+    target = tmp_path / "target"
+    target.write_text("precious")
+    lock = tmp_path / "lab.db.lock"
+    makes = {"link": lambda: lock.symlink_to(target), "hard link": lambda: os.link(target, lock)}
+    makes.get(planted, lambda: os.mkfifo(lock))()
+    with pytest.raises(BadInput, match=r"lab\.db\.lock"), sessions_of(tmp_path / "lab.db"):
+        pass
+    assert target.read_text() == "precious"
+
+
+def test_store__on_a_medium_that_cannot_be_written__is_read_and_nothing_is_made_beside_it(tmp_path, monkeypatch, clock):
+    path = tmp_path / "lab.db"
+    with opened_store(path) as store:
+        answer_one(begin(store, clock), clock)
+    monkeypatch.setattr(os, "access", lambda path, mode: mode == os.R_OK)
+    with closing(Store(path, must_exist=True)) as store, store.read() as connection:
+        assert connection.execute(select(func.count()).select_from(schema.response)).scalar_one() == 1
+        assert [each.name for each in tmp_path.iterdir()] == ["lab.db"]
+        with pytest.raises(StoreFault, match="readonly"), store.begin() as writing:
+            writing.execute(delete(schema.response))
+    Path(f"{path}-wal").write_bytes(b"0" * 40)
+    with pytest.raises(BadInput, match="has a log"):
+        Store(path, must_exist=True)

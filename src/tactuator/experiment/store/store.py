@@ -7,6 +7,7 @@ import importlib.util
 import logging
 import os
 import sqlite3
+import stat
 import struct
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -34,7 +35,7 @@ def sessions_of(store: str | os.PathLike[str]) -> Iterator[None]:
     if is_server(store):
         yield  # stations share it: no trial can be stored twice
         return
-    path = Path(f"{store}.lock")
+    path = Path(f"{os.path.realpath(store)}.lock")
     if not path.parent.is_dir():
         raise BadInput(f"store {store}: its folder is not there", "a place in a folder that exists")
     handle = _locked(path, store)
@@ -53,9 +54,12 @@ def _locked(path: Path, store: str | os.PathLike[str]) -> int:
         except OSError as error:
             raise BadInput(f"store {store}: {path.name}: {error.strerror}", "a folder that can be written") from None
         try:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:  # what is written to it would land elsewhere
+                raise BadInput(f"store {store}: {path.name} is a link or a device", "no file of that name")
             _lock(handle, store)
             with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), path.stat()):
+                if os.path.samestat(status, path.lstat()):
                     return handle
         except BadInput:
             os.close(handle)
@@ -115,6 +119,19 @@ def _holds(store: Store, table: Table) -> bool:
 
 
 _BUSY_TIMEOUT_MS = 2000
+_CHECKED_BYTES = 1 << 26
+"""Size of a file up to which it is checked whole whenever it is opened, in a third of a second; a larger one is checked
+by `experiment backup`."""
+_HEADER_BYTES, _FORMAT_BYTE, _MARK = 100, 18, slice(60, 64)
+"""Of SQLite's file: its header; in it the version of the format (2: with a log), and the user version."""
+_LOG_HEADER_BYTES, _LOGS_MAX, _NUMBERS = 32, 1 << 20, 1 << 31
+
+
+def _number(log: bytes) -> int:
+    """Return the number of a log (its first salt), as far as a user version can hold it."""
+    return int.from_bytes(log[16:20], "big") % _NUMBERS
+
+
 _PRIVATE = 0o600
 
 
@@ -150,8 +167,8 @@ class Store:
     ) -> None:
         self.is_file = not is_server(place)
         self.path = Path(place)
-        self._log = Path(f"{place}-wal")
-        self._had_log = self.is_file and self._log.exists()
+        self._log = Path(f"{os.path.realpath(place)}-wal")  # SQLite has it beside the file, whatever links to it
+        self._had_log = self.is_file and self._log_belongs()
         self._faults = _DAMAGED if self.is_file else _server_faults()
         self.engine: Engine = self._file(must_exist, durable) if self.is_file else _server(str(place))
         self.name = str(place) if self.is_file else self.engine.url.render_as_string()
@@ -159,7 +176,7 @@ class Store:
             if whole and self.is_file:
                 self._check()
             self._make_tables(must_exist)
-            if whole and self.is_file and not self._had_log and self._marked():
+            if whole and self.is_file and not self._had_log and self._marked() and not self._log_belongs():
                 raise self._torn()
         except self._faults as error:
             self.engine.dispose()
@@ -181,12 +198,55 @@ class Store:
         if not self.path.exists():  # closing one that SQLite has open in this process would free its locks
             with suppress(OSError):  # SQLite reports why it cannot be made
                 os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, _PRIVATE))
+        if not os.access(self.path, os.W_OK) or not os.access(self.path.parent, os.W_OK):
+            return self._read_only()
+        self._refuse_old_log()
         engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
         event.listen(engine, "connect", _prepare if durable else _prepare_throwaway)
         event.listen(engine, "begin", _begin_in_file)
         return engine
 
+    def _read_only(self) -> Engine:
+        """Return an engine that makes no file beside the store, as SQLite does otherwise for its log."""
+        if self._log_size():
+            got = f"store {self.path} cannot be written and has a log, {self._log.name}"
+            raise BadInput(got, "both copied to a folder that can be written")
+        uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1&uri=true"
+        engine = create_engine(f"sqlite:///{uri}", connect_args={"check_same_thread": False})
+        event.listen(engine, "connect", _prepare_read_only)
+        event.listen(engine, "begin", _begin_in_file)
+        return engine
+
+    def _log_size(self) -> int:
+        return self._log.stat().st_size if self._log.exists() else 0
+
+    def _refuse_old_log(self) -> None:
+        """Refuse a backup that was put beside the log of another file: SQLite would write that log over it."""
+        with suppress(OSError), self.path.open("rb") as file:
+            header = file.read(_HEADER_BYTES)
+            if header[_FORMAT_BYTE : _FORMAT_BYTE + 1] == b"\1" and self._log_size():
+                where = f"a restored backup alone: delete {self._log.name} and {self.path.name}-shm"
+                raise BadInput(f"store {self.path}: {self._log.name} beside it is of another file", where)
+
+    def _log_belongs(self) -> bool:
+        """Return whether the log beside the file is the one that its mark names, if it names one.
+
+        Another program that opens a copy makes a log, too. Every log begins with a number, which SQLite draws for the
+        first and counts up for those that follow; the mark is the number of the first.
+        """
+        try:
+            with self._log.open("rb") as log, self.path.open("rb") as file:
+                begins, header = log.read(_LOG_HEADER_BYTES), file.read(_HEADER_BYTES)
+        except OSError:
+            return False
+        mark = int.from_bytes(header[_MARK], "big")
+        if mark <= _WRITING:
+            return True
+        return len(begins) == _LOG_HEADER_BYTES and (_number(begins) - mark) % _NUMBERS < _LOGS_MAX
+
     def _check(self) -> None:
+        if self.path.stat().st_size > _CHECKED_BYTES:
+            return
         with self.engine.connect() as connection:
             outcome = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if outcome != "ok":
@@ -203,7 +263,26 @@ class Store:
             return
         with self._faults_told(), closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
             plain.execute(f"PRAGMA user_version = {mark}")
-            plain.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            if mark and self._log_size() >= _LOG_HEADER_BYTES:  # of the log that this was just written to
+                with self._log.open("rb") as log:
+                    number = _number(log.read(_LOG_HEADER_BYTES))
+                plain.execute(f"PRAGMA user_version = {max(number, _WRITING)}")
+                plain.execute("PRAGMA wal_checkpoint(FULL)")
+            else:
+                plain.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def compact(self) -> None:
+        """Rewrite the file, so that nothing that was deleted is left in it or in its log. Raises StoreFault where
+        another program reads the store: the log keeps it until that program ends.
+        """
+        if not self.is_file:
+            return
+        with self._faults_told(), closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
+            plain.execute("PRAGMA secure_delete = ON")
+            plain.execute("VACUUM")
+            (busy, *_) = plain.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        if busy:
+            raise StoreFault(f"{self._log.name} cannot be emptied: another program reads the store; close it")
 
     def _torn(self) -> BadInput:
         query = select(func.count(), func.max(schema.response.c.server_received_utc)).select_from(schema.response)
@@ -216,7 +295,7 @@ class Store:
             f"the file with its {self._log.name}, or what `experiment backup` makes of either",
         )
 
-    def backup(self, out: Path) -> None:
+    def backup(self, out: Path) -> int:
         """Write a whole copy of the store, as it is at one moment, even while others write to it.
 
         It replaces a file at its place when it is complete. Raises BadInput where the place cannot be written.
@@ -234,6 +313,11 @@ class Store:
             source.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")
             copy.execute("PRAGMA user_version = 0")
+            (answers,) = copy.execute("SELECT count(*) FROM response").fetchone()
+            (outcome,) = copy.execute("PRAGMA quick_check(1)").fetchone()
+            if outcome != "ok":
+                raise BadInput(f"store {self.path} is damaged ({outcome})", "a sound SQLite database")
+        return int(answers)
 
     def _make_tables(self, must_exist: bool) -> None:
         """Make the tables in an empty database. Raises BadInput for one of another program, or of another version."""
@@ -347,7 +431,12 @@ def _prepare(connection: Any, record: Any) -> None:
     cursor.execute("PRAGMA journal_mode = WAL")
     cursor.execute("PRAGMA synchronous = FULL")
     cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.execute("PRAGMA secure_delete = ON")
     cursor.close()
+
+
+def _prepare_read_only(connection: Any, record: Any) -> None:
+    connection.isolation_level = None
 
 
 def _prepare_throwaway(connection: Any, record: Any) -> None:
