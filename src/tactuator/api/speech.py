@@ -36,7 +36,7 @@ from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.coding import coding_of, write_coding
 from tactuator.speech.folder import RenderedFolder, render_folder, workers_of
 from tactuator.speech.options import CODING, LEVEL_DB_SL
-from tactuator.speech.reading import sample_path, scan_speech
+from tactuator.speech.reading import scan_speech, sentence_path
 from tactuator.speech.render import Rendered, RenderJob, kind_of_source, render_file
 from tactuator.speech.taps import read_layout
 
@@ -164,8 +164,8 @@ class FolderResult(Result):
 
 
 def speech_source(path: Place | None) -> Path:
-    """Return a file of speech, read through, or the shipped sample. Raises BadInput for what cannot be rendered."""
-    return scan_speech(sample_path() if path is None else Path(path)).path
+    """Return a file of speech, read through, or the shipped sentence. Raises BadInput for what cannot be rendered."""
+    return scan_speech(sentence_path() if path is None else Path(path)).path
 
 
 def render(

@@ -10,6 +10,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,13 @@ from tactuator.report.device_figures import (
     noise_figure,
     response_figure,
 )
-from tactuator.report.felt_figures import equality_figure, felt_figure, threshold_figure, thresholds_figure
+from tactuator.report.felt_figures import (
+    equality_figure,
+    felt_figure,
+    spectrogram_figure,
+    threshold_figure,
+    thresholds_figure,
+)
 from tactuator.report.figure import ReportFigure
 
 
@@ -74,8 +81,17 @@ def _words(study: PaperStudy) -> dict[str, object]:
         "speech": first.result.source.name,
         "duration": f"{first.result.rendered.duration_s:.1f}",
         "peak": f"{first.report.peak_db_sl:.0f}",
+        "frames": _frames(first.report),
+        "limited": f"{max(finger.max_reduction_db for finger in first.result.rendered.limiting):.1f}",
         "version": __version__,
     }
+
+
+def _frames(report: Any) -> str:
+    """Return the rms of the worst finger's frames in words."""
+    frames = report.figures().values()
+    median, most = (max(each[f"{share}_db_all"] for each in frames) for share in ("median", "p95"))
+    return f"{median:.2f} dB rms in the median and {most:.2f} dB in the 95th percentile"
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -108,6 +124,7 @@ def figures(study: PaperStudy) -> tuple[ReportFigure, ...]:
     flatness_db, first = display.objectives.flatness_db, display.channels[0]
     curve, name = first.threshold.curve, first.name
     band = np.geomspace(*first.threshold.band_hz, 400)
+    first_spoken = study.spoken[0]
     probed = {gain: felt[0] for gain, felt in lab.noise.runs[:-1]}
 
     def responses(runs: Sequence[LevelResponse], condition: str, name: str) -> ReportFigure:
@@ -143,6 +160,7 @@ def figures(study: PaperStudy) -> tuple[ReportFigure, ...]:
             felt_figure(spoken.report, f"{spoken.result.source.name}, coding {spoken.coding}", figure)
             for spoken, figure in zip(study.spoken, ("fig12", "speech-bands"), strict=True)
         ),
+        replace(spectrogram_figure(first_spoken.report, first_spoken.result.source.name), name="speech-time"),
         noise_figure(probed, lab.noise.channels[0]),
         prefilter_figure(errors, flatness_db),
         resolution_figure(study.resolution.bits),

@@ -51,7 +51,7 @@ def reproduce(
         Place,
         Option("Folder to write; replaced if it is a former report.", ("--out",), type=Path, shell=Path("out/paper")),
     ] = "out/paper",
-    speech: Annotated[Place | None, Option("WAV or FLAC to present.", file=True)] = None,
+    speech: Annotated[Place | None, Option("WAV or FLAC to present (default: a recorded sentence).", file=True)] = None,
     seed: Seed = 1,
 ) -> PaperResult:
     """Run the paper's study on the simulated display. Takes minutes; writes report.html, figures, summary.json and the

@@ -117,6 +117,10 @@ def _speech(spoken: Spoken) -> dict[str, Any]:
         "duration_s": rendered.duration_s,
         "felt_error_db_rms": spoken.report.worst_rms_db,
         "peak_db_sl": spoken.report.peak_db_sl,
+        "frames": {
+            finger: {name: value for name, value in of_frames.items() if math.isfinite(value)}
+            for finger, of_frames in spoken.report.figures().items()
+        },
         "limited_db": {finger.finger: finger.max_reduction_db for finger in rendered.limiting},
         "fingers": fingers,
     }
@@ -239,10 +243,12 @@ def _person_rows(study: PaperStudy) -> list[Row]:
             f"{PEOPLE_}, made {made[0]:+.1f} and {made[1]:+.1f} dB",
         ),
         ("prefilter reshaped to it", "planned", f"within {study.reshaped_error_db:.2f} dB", PEOPLE_),
-        ("speech, one signal, felt minus asked", "planned", _heard(direct), CURVE),
-        ("speech, a band on each finger", "planned", _heard(bands), CURVE),
+        ("a spoken sentence, one signal, felt minus asked", "planned", _heard(direct), CURVE),
+        ("a spoken sentence, a band on each finger", "planned", _heard(bands), CURVE),
     ]
 
 
 def _heard(spoken: Spoken) -> str:
-    return f"{spoken.report.worst_rms_db:.2f} dB rms, peak {spoken.report.peak_db_sl:.0f} dB SL"
+    taken = max(finger.max_reduction_db for finger in spoken.result.rendered.limiting)
+    limited = f", limiter {taken:.1f} dB"
+    return f"{spoken.report.worst_rms_db:.2f} dB rms, peak {spoken.report.peak_db_sl:.0f} dB SL{limited}"

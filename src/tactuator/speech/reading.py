@@ -72,6 +72,11 @@ def sample_path() -> Path:
     return Path(str(files("tactuator.speech").joinpath("data", "sample.wav")))
 
 
+def sentence_path() -> Path:
+    """Return the path of a recorded sentence: LibriVox, Sense and Sensibility, chapter 1, in the public domain."""
+    return Path(str(files("tactuator.speech").joinpath("data", "sentence.flac")))
+
+
 def scan_speech(path: str | Path) -> SpeechFile:
     """Read `path` through and return what it is.
 
