@@ -130,7 +130,8 @@ class Mishaps:
         other.goto(self.page.url)
         other.locator("#go").wait_for()
         other.close()
-        self.press("Enter")
+        with self.page.expect_navigation():
+            self.press("Enter")  # to continue here
 
     def second_tab_answers(self) -> None:
         other = self.page.context.new_page()
@@ -143,7 +144,8 @@ class Mishaps:
         self.press(self.subject.key(*map(int, stands.split("/"))))  # at the tab that was left
         other.keyboard.press(self.subject.key(*map(int, stands.split("/"))))
         other.close()
-        self.press("Enter")
+        with self.page.expect_navigation():
+            self.press("Enter")  # to continue here
 
     def connection_lost(self) -> None:
         self.page.evaluate("link.socket?.close()")
