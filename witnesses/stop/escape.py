@@ -169,7 +169,7 @@ def _gap(page: Any) -> None:
 
 def _answer(page: Any) -> None:
     _lead(page)
-    _until(page, "page.standing !== null")
+    _until(page, "page.pending !== null")
 
 
 def _feedback(page: Any) -> None:
