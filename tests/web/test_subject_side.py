@@ -244,7 +244,7 @@ def test_operator__corrects_what_was_noted__and_the_page_shows_it(make) -> None:
         while (found := until(socket, "snapshot")["sessions"][0])["demographics"] == {}:
             pass
         assert (found["group"], found["participant_id"], found["demographics"]) == ("unknown", "q7", {"age": "34"})
-        for amiss, words in (({"demographics": {}}, "nothing differs"), ({"reason": ""}, "Reason")):
+        for amiss, words in (({"demographics": {}}, "nothing was changed"), ({"reason": ""}, "Reason")):
             socket.send_json({**message, **amiss})
             assert words in until(socket, "refused")["message"]
     assert events(lab) == ["correction"] * 3
