@@ -175,7 +175,7 @@ def _answer(page: Any) -> None:
 def _feedback(page: Any) -> None:
     _answer(page)
     page.keyboard.press("1")
-    _until(page, "page.standing === null && page.unsaved === null")
+    _until(page, "page.pending === null && page.unsaved === null")
 
 
 def _break(page: Any) -> None:
