@@ -151,7 +151,7 @@ class _Stage:
         the direction in which commands do work: a sensor may count the other way.
         """
         late = int(self.now.chosen.fit.delay_s * self.now.spectra[0].rate_hz + 0.5)
-        moved = path[max(late - shift, 0) :]
+        moved = path[min(max(late - shift, 0), path.size - 1) :]
         return self._direction * np.append(moved, np.full(count - moved.size, moved[-1]))
 
     @cached_property

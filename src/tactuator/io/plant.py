@@ -124,7 +124,15 @@ def _of_several(paths: Sequence[Any], beside: Path, where: str) -> GivenPlant:
     systems = [(name, system) for name, plant in zip(names, plants, strict=True) for system in plant.systems]
     together = {"family": tuple(system for _, system in systems[1:]), "models": tuple(name for name, _ in systems)}
     valid = {"valid_hz": (low, high)} if ranges else {}
-    return replace(plants[0], keys={**plants[0].keys, **together, **valid})
+    reasons_of = {
+        name: plant.keys["recorded"].distrust
+        for name, plant in zip(names, plants, strict=True)
+        if "recorded" in plant.keys
+    }
+    distrust = tuple(f"{name}: {reason}" for name, each in reasons_of.items() for reason in each)
+    first = plants[0].keys.get("recorded", Recorded())
+    recorded = {"recorded": replace(first, distrust=distrust)} if reasons_of else {}
+    return replace(plants[0], keys={**plants[0].keys, **together, **valid, **recorded})
 
 
 def _kind(model: Mapping[str, Any]) -> dict[str, Any]:

@@ -185,12 +185,11 @@ def _drawn(
 ) -> ComplexArray:
     """Return responses (count, f) of plants drawn from what is known of the channel, with shifted modes."""
     s: ComplexArray = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    plants = (channel.plant, *channel.family)
+    known = np.array([plant.response(frequency_hz) for plant in plants])
+    responses = known[rng.integers(len(plants), size=count)]
     if channel.covariance:
-        responses = _from_covariance(channel, count, rng, s)
-    else:
-        plants = (channel.plant, *channel.family)
-        which = rng.integers(len(plants), size=count)
-        responses = np.array([plant.response(frequency_hz) for plant in plants])[which]
+        responses = responses * _from_covariance(channel, count, rng, s) / known[0]
     for root, sign in light_roots(channel):
         moved = np.exp(mode_shift * rng.standard_normal((count, 1)))
         responses = responses * moved_root(root, moved, frequency_hz) ** sign
