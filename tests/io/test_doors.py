@@ -128,6 +128,12 @@ def test_typed_display__that_names_a_private_file__repeats_none_of_it(tmp_path, 
     assert SECRET not in str(refusal.value) + str(refusal.value.document())
 
 
+def test_typed_display__path_with_a_nul__is_refused(tmp_path):
+    text = '[display]\nname = "a"\nrate_hz = 4000.0\n[[channel]]\nname = "thumb"\nplant = "a\\u0000"\n'
+    with pytest.raises(BadInput, match="no file has such a name"):
+        ConsoleState().take_text(text, tmp_path)
+
+
 def test_uploaded_protocol__file_out_of_its_folder__is_refused_unread(tmp_path):
     for path in ("/etc/passwd", "../private.toml"):
         with pytest.raises(BadInput, match="within its file's folder"):

@@ -45,6 +45,8 @@ def read_content(path: Path) -> bytes:
             content = file.read(LARGEST_BYTES + 1)
     except OSError as error:
         raise BadInput(reason_of(error)) from None
+    except ValueError:  # a NUL in its name
+        raise BadInput("no file has such a name") from None
     if len(content) > LARGEST_BYTES:
         raise BadInput(f"it has more than {LARGEST_BYTES >> 20} MB")
     return content
