@@ -140,6 +140,6 @@ def test_wheel__platform_that_is_older_than_is_needed_or_that_is_none__is_refuse
         maker.require_tag(tmp_path, "manylinux_2_34_x86_64")
         with pytest.raises(SystemExit, match="keep to manylinux_2_34_x86_64, and its name says manylinux_2_17_x86_64"):
             maker.require_tag(tmp_path, "manylinux_2_17_x86_64")
-    monkeypatch.setattr(maker, "auditor", lambda: "echo")
+    monkeypatch.setattr(maker, "tool", lambda name: "echo")
     with pytest.raises(SystemExit, match="names no platform"):
         maker.policy("none.whl")

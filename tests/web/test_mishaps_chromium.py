@@ -18,6 +18,9 @@ EARLY = "() => page.pending === null && page.unsaved === null && document.dispat
     'new KeyboardEvent("keydown", { key: "1", code: "Digit1", bubbles: true }))'
 )
 """Press a key if nothing is asked at this very moment."""
+TOGETHER = """(keys) => { for (const key of keys) document.dispatchEvent(new KeyboardEvent("keydown", {
+  key, code: /\\d/.test(key) ? `Digit${key}` : key, bubbles: true })); }"""
+"""Press keys before anything else can happen on the page: the next trial is not there yet."""
 
 
 class Mishaps:
@@ -33,26 +36,22 @@ class Mishaps:
         assert stands
         return self.subject.key(*map(int, stands.split("/")))
 
+    def _together(self, *keys: str) -> None:
+        self.page.evaluate(TOGETHER, keys)
+
     def same_key_twice(self) -> None:
         key = self.right
-        self.press(key)
-        self.press(key)
+        self._together(key, key)
 
     def another_key_after(self) -> None:
         key = self.right
-        self.press(key)
-        self.press("1" if key != "1" else "2")
+        self._together(key, "1" if key != "1" else "2")
 
     def every_key_after(self) -> None:
-        self.press(self.right)
-        for key in ("1", "2", "3", "Enter", "Space", "Tab"):
-            self.press(key)
+        self._together(self.right, "1", "2", "3", "Enter", "Space", "Tab")
 
     def key_held(self) -> None:
-        key = self.right
-        for _ in range(10):
-            self.page.keyboard.down(key)
-        self.page.keyboard.up(key)
+        self._together(*[self.right] * 10)
 
     def enter_held(self) -> None:
         for _ in range(10):
@@ -113,8 +112,7 @@ class Mishaps:
 
     def reload_three_times(self) -> None:
         for _ in range(3):
-            self.page.reload(wait_until="commit")
-        self.page.wait_for_load_state()
+            self.page.reload()
 
     def back_and_forward(self) -> None:
         self.page.goto("about:blank")
@@ -182,7 +180,7 @@ class Mishaps:
     def offline(self) -> None:
         self.page.context.set_offline(True)
         self.page.evaluate("link.socket?.close()")
-        self.press("1" if self.page.evaluate("page.pending === null") else "F2")
+        self.page.evaluate(EARLY)
         self.page.wait_for_timeout(1200)
         self.page.context.set_offline(False)
 

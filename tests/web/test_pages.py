@@ -93,7 +93,7 @@ def test_operator__nonsense_or_a_clock_that_jumps__is_refused_or_noted(client, l
             ({"type": "start", "session": 99}, "not of this study"),
             ({"type": "start", "session": 2**63}, "command"),
             ({"type": "day", "session": 99}, "not of this study"),
-            ({"type": "day", "session": 1, "skin_temperature_c": 99.0}, "skin_temperature_c"),
+            ({"type": "day", "session": 1, "skin_temperature_c": 99.0}, "Skin temperature, °C"),
             ({"type": "day", "session": 1, "preload_n": "1,234"}, "thousands"),
             ({"type": "day", "session": 1, "preload_n": "0,5 N"}, "a number"),
             ({"type": "enrol", "code": "S 9"}, "code"),

@@ -221,7 +221,7 @@ class _Rows:
         if rows.is_part:
             from_s = float(about.get("from_s", 0.0)) + rows.first_s
             about = about | {"from_s": f"{from_s:.9g}", "to_s": f"{from_s + command.size / stamps.rate_hz:.9g}"}
-        return Record(stamps.rate_hz, command, position, *units, reference, about, said)
+        return Record(float(stamps.rate_hz), command, position, *units, reference, about, said)
 
     def _left_out(self, rows: _Rows) -> list[str]:
         lost = self.signals[0].size - rows.signals[0].size
