@@ -205,7 +205,8 @@ class Mishaps:
 
     def double_click(self) -> None:
         key = self.right
-        self.page.locator(".choice").nth(int(key) - 1).dblclick()
+        twice = "(choice) => { choice.click(); choice.click(); }"  # the next trial is not there yet
+        self.page.locator(".choice").nth(int(key) - 1).evaluate(twice)
 
     def window_turned(self) -> None:
         self.page.set_viewport_size({"width": 640, "height": 360})
@@ -229,7 +230,7 @@ class Mishaps:
 MISHAPS = [name for name in vars(Mishaps) if not name.startswith("_") and name != "right"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_session__of_mishaps_at_the_keyboard_and_in_the_network__is_the_undisturbed_one(start, browser, tmp_path):
     assert len(MISHAPS) >= 30
     server = start(TEXT, controller())

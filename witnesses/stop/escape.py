@@ -156,7 +156,13 @@ def _lead(page: Any) -> None:
 def _interval(number: int) -> Callable[[Any], None]:
     def go_there(page: Any) -> None:
         _lead(page)
-        _until(page, f"document.querySelectorAll('.choice')[{number}].classList.contains('lit')")
+        lit = f"document.querySelectorAll('.choice')[{number}]?.classList.contains('lit')"
+        _until(page, f"{lit} || page.pending !== null")
+        while not page.evaluate(lit):  # over before a busy browser could say so: the trial is played again
+            page.reload()
+            page.locator("#go").wait_for()
+            page.keyboard.press("Enter")
+            _until(page, f"{lit} || page.pending !== null")
         page.wait_for_timeout(100)
 
     return go_there
