@@ -74,7 +74,10 @@ class OperatorPage:
                 field = error.where[-1].rpartition(".")[2] if isinstance(error, BadInput) and error.where else ""
                 words = self.lab.words
                 label = _FIELDS.get(field)
-                reason = error if label is None else words("operator.refused_value", field=words(label))
+                reason: object = error
+                if isinstance(error, BadInput) and label is not None:
+                    about = {"field": words(label), "got": error.got, "allowed": error.allowed}
+                    reason = words("operator.refused_field", **about)
                 said = {"message": words("operator.refused", reason=reason), "field": field}
                 await send(self.socket, {"type": "refused", **said})
 
