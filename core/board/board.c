@@ -44,7 +44,7 @@ int tact_board_is_at_rest(const tact_board *board)
 
 int tact_board_waits(const tact_board *board)
 {
-    return board->holds && board->mode == TACT_RUNNING && board->ending == TACT_STAYS &&
+    return board->holds && board->mode == TACT_RUNNING && board->ending == TACT_STOP_NONE &&
            board->source == TACT_STREAM && board->tick - board->stream_at >= board->stream_end - board->stream_at;
 }
 
@@ -55,7 +55,7 @@ int tact_board_arm(tact_board *board)
     if (board->mode != TACT_OFF || board->safety.channels == 0 || tact_board_is_locked(board))
         return 0;
     board->fault = TACT_FAULT_NONE;
-    board->ending = TACT_STAYS;
+    board->ending = TACT_STOP_NONE;
     board->mode = TACT_ARMED;
     return 1;
 }
@@ -90,7 +90,7 @@ int tact_board_clear(tact_board *board)
 {
     if (board->mode == TACT_FAULT && board->command_fade == 0.0f && tact_board_locked_ticks(board) == 0) {
         board->mode = TACT_OFF;
-        board->ending = TACT_STAYS;
+        board->ending = TACT_STOP_NONE;
         for (int32_t c = 0; c < board->channels; c++)
             board->channel[c].guard.agreement = board->channel[c].guard.power = 0.0f;
     }

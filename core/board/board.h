@@ -36,7 +36,7 @@
 enum { TACT_BOARD_DELAY_MAX = 8, TACT_TONES_AHEAD = 32 };
 typedef enum { TACT_OFF = 0, TACT_ARMED, TACT_RUNNING, TACT_FAULT } tact_board_mode;
 typedef enum { TACT_SILENT = 0, TACT_STREAM, TACT_STIMULUS } tact_board_source;
-typedef enum { TACT_STAYS = 0, TACT_FADES, TACT_RAMPS, TACT_RAMPS_QUICKLY, TACT_CUT } tact_board_ending;
+typedef enum { TACT_STOP_NONE = 0, TACT_FADE_REFERENCE, TACT_FADE_COMMAND, TACT_FADE_COMMAND_FAST, TACT_CUT } tact_board_ending;
 enum { TACT_TRACE_COMMAND_LIMITED = 1 };
 
 /* The states of one channel. */

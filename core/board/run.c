@@ -40,25 +40,25 @@ int tact_board_start(tact_board *board, uint32_t run, int32_t source, int32_t dr
     board->drives = drives;
     board->holds = holds;
     board->silence = board->cycles = 0;
-    board->ending = TACT_STAYS;
+    board->ending = TACT_STOP_NONE;
     fade_in(board);
     board->fading = 1;
     board->mode = TACT_RUNNING;
     return 1;
 }
 
-/* The run ends in this way (TACT_FADES...), unless a graver one has begun. */
+/* The run ends in this way (TACT_FADE_REFERENCE...), unless a graver one has begun. */
 static void leave(tact_board *board, int32_t how)
 {
     if (how <= board->ending)
         return;
     board->ending = how;
     board->fading = 1;
-    if (how == TACT_FADES)
+    if (how == TACT_FADE_REFERENCE)
         board->fade_step = -1.0f / (float)board->safety.fade_ticks;
-    if (how == TACT_RAMPS)
+    if (how == TACT_FADE_COMMAND)
         board->command_fade_step = -1.0f / (float)board->safety.ramp_ticks;
-    if (how == TACT_RAMPS_QUICKLY)
+    if (how == TACT_FADE_COMMAND_FAST)
         board->command_fade_step = -1.0f / (float)board->safety.quick_ticks;
     if (how == TACT_CUT) {
         board->command_fade = board->command_fade_step = 0.0f; /* a soft start that has just begun ends here too */
@@ -74,14 +74,14 @@ static void cut(tact_board *board, int32_t channel)
     board->channel[channel].is_cut = 1;
     board->cuts++;
     tact_board_empty_queue(board, channel);
-    leave(board, board->cuts < board->channels ? TACT_FADES : TACT_CUT);
+    leave(board, board->cuts < board->channels ? TACT_FADE_REFERENCE : TACT_CUT);
 }
 
-static int32_t way_out(int32_t fault)
+static int32_t fault_reaction(int32_t fault)
 {
     if (fault == TACT_FAULT_LATE || fault == TACT_FAULT_SILENCE)
-        return TACT_FADES;
-    return fault == TACT_FAULT_COMFORT ? TACT_RAMPS_QUICKLY : TACT_CUT;
+        return TACT_FADE_REFERENCE;
+    return fault == TACT_FAULT_COMFORT ? TACT_FADE_COMMAND_FAST : TACT_CUT;
 }
 
 static void fail(tact_board *board, int32_t fault, int32_t channel)
@@ -97,10 +97,10 @@ static void fail(tact_board *board, int32_t fault, int32_t channel)
         board->fault_channel = channel;
         board->fault_tick = board->ticks;
     }
-    if (way_out(fault) == TACT_CUT)
+    if (fault_reaction(fault) == TACT_CUT)
         cut(board, channel);
     else
-        leave(board, way_out(fault));
+        leave(board, fault_reaction(fault));
 }
 
 void tact_board_fail(tact_board *board, uint32_t faults, int32_t channel)
@@ -137,7 +137,7 @@ void tact_board_silence_cut(tact_board *board)
 int tact_board_stop(tact_board *board)
 {
     if (board->mode == TACT_RUNNING)
-        leave(board, TACT_FADES);
+        leave(board, TACT_FADE_REFERENCE);
     return board->mode != TACT_FAULT;
 }
 
@@ -152,13 +152,13 @@ void tact_board_fade(tact_board *board)
         if (board->fade == 0.0f) /* where the run ends, it ends below */
             board->fade_step = soft_step(board);
     }
-    if (board->ending != TACT_STAYS && board->fade <= 0.0f) {
+    if (board->ending != TACT_STOP_NONE && board->fade <= 0.0f) {
         board->fade = board->fade_step = 0.0f;
-        leave(board, TACT_RAMPS);
+        leave(board, TACT_FADE_COMMAND);
     }
-    if (board->ending != TACT_STAYS && board->command_fade <= 0.0f) {
+    if (board->ending != TACT_STOP_NONE && board->command_fade <= 0.0f) {
         board->command_fade = board->command_fade_step = 0.0f;
-        board->ending = board->mode == TACT_RUNNING ? TACT_STAYS : TACT_CUT;
+        board->ending = board->mode == TACT_RUNNING ? TACT_STOP_NONE : TACT_CUT;
         if (board->mode == TACT_RUNNING)
             board->mode = TACT_ARMED;
     }

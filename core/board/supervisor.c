@@ -31,8 +31,8 @@ static __attribute__((noinline)) int32_t judge(tact_supervisor *supervisor, cons
                                                int converters_are_sound)
 {
     const int wanted = is_wanted(supervisor, board);
-    const uint32_t deaf = wanted ? supervisor->deaf_ticks + 1u : 0;
-    supervisor->deaf_ticks = deaf;
+    const uint32_t deaf = wanted ? supervisor->main_loop_silent_ticks + 1u : 0;
+    supervisor->main_loop_silent_ticks = deaf;
     supervisor->deaf_most = (uint32_t)(TACT_SUPERVISOR_DEAF_S * board->safety.rate_hz);
     if (wanted && !converters_are_sound)
         lose(supervisor, TACT_LOST_CONVERTERS);
@@ -45,18 +45,18 @@ static __attribute__((noinline)) int32_t judge(tact_supervisor *supervisor, cons
 
 int32_t tact_supervisor_tick(tact_supervisor *supervisor, const tact_board *board, int converters_are_sound)
 {
-    const uint32_t deaf = supervisor->deaf_ticks;
+    const uint32_t deaf = supervisor->main_loop_silent_ticks;
     if (board->mode != TACT_RUNNING || board->bare || !converters_are_sound || deaf >= supervisor->deaf_most ||
         supervisor->lost != TACT_LOST_NOTHING)
         return judge(supervisor, board, converters_are_sound);
     supervisor->rest_ticks = 0;
-    supervisor->deaf_ticks = deaf + 1u;
+    supervisor->main_loop_silent_ticks = deaf + 1u;
     return TACT_OUTPUTS_ON | TACT_WATCHDOG_FED;
 }
 
 void tact_supervisor_heard(tact_supervisor *supervisor, const tact_board *board)
 {
-    supervisor->deaf_ticks = 0;
+    supervisor->main_loop_silent_ticks = 0;
     if (supervisor->checked == board->ticks && supervisor->tables.taken == board->taken)
         return;
     supervisor->checked = board->ticks;

@@ -29,7 +29,7 @@ enum { TACT_OUTPUTS_SAFE = 0, TACT_OUTPUTS_ON = 1, TACT_WATCHDOG_FED = 2 };
 typedef enum { TACT_LOST_NOTHING = 0, TACT_LOST_MAIN_LOOP, TACT_LOST_CONVERTERS, TACT_LOST_TABLES } tact_lost;
 
 typedef struct {
-    volatile uint32_t deaf_ticks; /* since the main loop was heard; while outputs are on */
+    volatile uint32_t main_loop_silent_ticks; /* since the main loop was heard; while outputs are on */
     volatile int32_t lost;        /* the first tact_lost, until a reset */
     uint32_t deaf_most;           /* ticks of TACT_SUPERVISOR_DEAF_S, once the table's rate is known */
     uint32_t rest_ticks;          /* since a fault's command came to zero */

@@ -189,7 +189,7 @@ uint32_t tact_simulated_board_run(tact_simulated_board *simulated, tact_board *b
 
 int tact_simulated_board_goes_on(const tact_simulated_board *simulated, const tact_board *board, uint32_t passed)
 {
-    const int ends = board->ending != TACT_STAYS, runs = board->mode == TACT_RUNNING || ends;
+    const int ends = board->ending != TACT_STOP_NONE, runs = board->mode == TACT_RUNNING || ends;
     const uint32_t most = board->holds && !ends ? LONG_RUN : SHORT_RUN;
     return runs && simulated->channels == board->channels && !tact_board_waits(board) && passed < most;
 }

@@ -61,8 +61,8 @@ def test_present__intervals__are_one_stretch_with_gaps_halted_or_refused() -> No
     rig, told = Recorder(behind=71), []
     shown = Presenter(rig, lambda interval, begins: told.append((interval, begins))).present(tones(), 0.3, 0.25, 0.1)
     assert told == [(0, True), (0, False), (1, True), (1, False), (2, True), (2, False)]
-    assert all(0.0 <= one.lamp_late_s < 111 / RATE_HZ for one in shown.intervals)
-    assert any(one.lamp_late_s > 0.0 for one in shown.intervals)
+    assert all(0.0 <= one.cue_delay_s < 111 / RATE_HZ for one in shown.intervals)
+    assert any(one.cue_delay_s > 0.0 for one in shown.intervals)
     (played,) = rig.played  # one stream
     assert len(played) == round((0.3 + 3 * 0.5 + 2 * 0.25 + 0.1) * RATE_HZ)
     assert [one.onset_s for one in shown.intervals] == [0.3, 1.05, 1.8]
@@ -96,12 +96,12 @@ def test_present__rig_ahead_of_its_trace__lights_lamps_by_the_rigs_own_count() -
     told, rig = [], Ahead()
     shown = Presenter(rig, lambda *edge: told.append((*edge, rig.rows_played))).present(tones(), 0.3, 0.25)
     assert [(interval, at) for interval, begins, at in told if begins] == [(0, 1200), (1, 4208), (2, 7200)]
-    assert [one.lamp_late_s for one in shown.intervals] == [0.0, 8 / RATE_HZ, 0.0]
+    assert [one.cue_delay_s for one in shown.intervals] == [0.0, 8 / RATE_HZ, 0.0]
     simulated = apparatus().rig
     stands, presenter = [], Presenter(simulated, lambda interval, begins: stands.append(simulated._ticks))
     shown = presenter.present([np.zeros((777, len(simulated.channels)))] * 2, 0.1001, 0.2)
     assert [stand - shown.rig_tick for stand in stands] == [400, 1177, 1977, 2754]
-    assert {one.lamp_late_s for one in shown.intervals} == {0.0}
+    assert {one.cue_delay_s for one in shown.intervals} == {0.0}
 
 
 def test_marks__each_interval__is_announced_by_as_many_taps() -> None:
@@ -149,7 +149,7 @@ def test_present__board_in_free_run__lights_lamps_within_twenty_milliseconds() -
         assert len(begun) == 3
         for tick, one in zip(begun, shown.intervals, strict=True):
             late_s.append((tick - shown.rig_tick) / RATE_HZ - one.onset_s)
-            stored_s.append(one.lamp_late_s)
+            stored_s.append(one.cue_delay_s)
         felt = [one.trace.position_v[:, rig.channels.index("index")] for one in shown.intervals]
         lags += [lag(felt[0], other) for other in felt[1:]]
     assert {abs(one) <= 1 for one in lags} == {True}, lags

@@ -192,11 +192,11 @@ def measure_noise(
             ready.load(candidate)
             felt = felt_noise(ready, loop.display, duration_s=duration_s, load=touching, mains_hz=mains_hz or None)
             runs.append((name, tuple(felt)))
-    heard = runs[-1][1]
+    measured = runs[-1][1]
     path = None if write is None else Path(write)
     if path is not None:
-        write_environment(path, {felt.channel: felt.sensor.keys() for felt in heard if felt.sensor is not None})
-    return FeltLevels(tuple(runs), not_played, noise_verdict(heard, loop.display, open_loops), path)
+        write_environment(path, {felt.channel: felt.sensor.keys() for felt in measured if felt.sensor is not None})
+    return FeltLevels(tuple(runs), not_played, noise_verdict(measured, loop.display, open_loops), path)
 
 
 def _probes(loop: Controller, gains: Numbers, load: str) -> tuple[list[tuple[str, Controller]], dict[str, str]]:

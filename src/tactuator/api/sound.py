@@ -133,9 +133,9 @@ def calibrate_output(
         full_scale_v(reading_v, 1.0)  # what is no reading is refused before the tone is played
     text = f"{frequency_hz:g} Hz at output {output} for {duration_s:g} s: read the multimeter (V rms)"
     with open_rig(f"sound:{device}", wire_display(rate_hz, output, input_number)) as rig, working(text):
-        heard = tone(rig, frequency_hz, level, duration_s)
+        read_back = tone(rig, frequency_hz, level, duration_s)
     volts = full_scale_v(_asked_number() if reading_v is None else reading_v, level)
-    return FullScaleResult(device, output, volts, input_number, volts * level / heard if input_number else None)
+    return FullScaleResult(device, output, volts, input_number, volts * level / read_back if input_number else None)
 
 
 def _asked_number() -> float:

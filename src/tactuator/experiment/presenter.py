@@ -65,14 +65,14 @@ class Halted(Exception):
 class PlayedInterval:
     """An interval as it was played.
 
-    trace: what the sensor saw. onset_s, duration_s: by the rig's clock, from the trial's first sample. lamp_late_s: how
+    trace: what the sensor saw. onset_s, duration_s: by the rig's clock, from the trial's first sample. cue_delay_s: how
     far the rig was past the onset when the watch was notified.
     """
 
     trace: Trace
     onset_s: float
     duration_s: float
-    lamp_late_s: float
+    cue_delay_s: float
 
     def record(
         self,
@@ -83,7 +83,7 @@ class PlayedInterval:
     ) -> IntervalRecord:
         """Return its record; column: of the channel whose saturation counts, by default that of any."""
         saturated, times = bool(self.trace.saturated[:, column].any()), (self.onset_s, self.duration_s)
-        return IntervalRecord(stimulus, commanded_db_sl, measured_db_sl, saturated, *times, self.lamp_late_s)
+        return IntervalRecord(stimulus, commanded_db_sl, measured_db_sl, saturated, *times, self.cue_delay_s)
 
 
 @dataclass(frozen=True)
@@ -306,7 +306,7 @@ class Outlet:
             if self._zero_s is None:
                 self._zero_s = self._lsl.local_clock() - tick_s
             return self._zero_s + tick_s
-        at_s = [(interval.onset_s or 0.0) + (interval.lamp_late_s or 0.0) for interval in played.intervals]
+        at_s = [(interval.onset_s or 0.0) + (interval.cue_delay_s or 0.0) for interval in played.intervals]
         return min(self._reported_s[place] - after_s / self._speed for place, after_s in enumerate(at_s))
 
     def _push(self, event: str, numbers: tuple[float | None, ...], stamp_s: float) -> None:

@@ -246,7 +246,7 @@ class IntervalRecord:
 
     commanded_db_sl: None where nothing was played, or no one level. measured_db_sl: at the sensor, at the stimulus's
     frequency; None where there is no one frequency. onset_s, duration_s: by the rig's own clock, from the trial's first
-    sample. lamp_late_s: how far the rig was past the onset when the visual cue was shown. The times are None in stores
+    sample. cue_delay_s: how far the rig was past the onset when the visual cue was shown. The times are None in stores
     that were made before they were recorded.
     """
 
@@ -256,7 +256,7 @@ class IntervalRecord:
     saturated: bool
     onset_s: float | None = None
     duration_s: float | None = None
-    lamp_late_s: float | None = None
+    cue_delay_s: float | None = None
 
 
 BLANK, SIGNAL, LOUD = "blank", "tone", "loud"

@@ -53,7 +53,7 @@ def broadband(
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class Recording:
     """Periods of an answer to a wave of `volts`. command, position: (periods, n) volts; others_v: of every channel's
     sensor the rms of what follows the command, (channels,).
     """
@@ -86,7 +86,7 @@ class Heard:
         return float(np.max(np.abs(np.fft.irfft(moved, self.position.shape[1]))))
 
 
-def hear(rig: Rig, name: str, wave: Multisine, volts: float, periods: int) -> Heard:
+def record_wave(rig: Rig, name: str, wave: Multisine, volts: float, periods: int) -> Recording:
     """Drive one channel with a wave of `volts` for a period that settles and `periods` that are kept."""
     column = rig.channels.index(name)
     count = wave.period
@@ -97,7 +97,7 @@ def hear(rig: Rig, name: str, wave: Multisine, volts: float, periods: int) -> He
     spectra = np.fft.rfft(kept.mean(axis=0), axis=0)[wave.bins]
     others = np.sqrt(2.0 * np.sum(np.abs(spectra) ** 2, axis=0)) / count
     asked = trace.command_v[count:, column].reshape(periods, count)
-    return Heard(wave, volts, asked, kept[:, :, column], others)
+    return Recording(wave, volts, asked, kept[:, :, column], others)
 
 
 @dataclass(frozen=True)
@@ -122,39 +122,39 @@ def find_level(rig: Rig, channel: Channel, wave: Multisine, input_range_v: float
     """Raise the command from a hundredth of the range until 19 of 20 lines are 30 dB above the noise, or until
     travel, range or the input (input_range_v) would be passed.
 
-    Raises BadInput where the sensor does not hear its own output, and says which channel's does.
+    Raises BadInput where the sensor does not measure its own output, and says which channel's does.
     """
     range_v = channel.converter.range_v
     volts, bound = _FIRST_SHARE * range_v, ""
     for _ in range(_TRIES):
-        heard = hear(rig, channel.name, wave, volts, 2)
-        level, moved = heard.above_noise_db(), heard.moved_mm(channel)
+        recording = record_wave(rig, channel.name, wave, volts, 2)
+        level, moved = recording.above_noise_db(), recording.moved_mm(channel)
         rooms = {
             "noise": 10.0 ** ((_WANTED_DB - level) / 20.0),
             "travel": _TRAVEL_SHARE * channel.travel_mm / max(moved, 1e-12) if level > _LEAST_DB else np.inf,
             "range": _RANGE_SHARE * range_v / volts,
-            "input": _INPUT_SHARE * input_range_v / float(np.max(np.abs(heard.position))),
+            "input": _INPUT_SHARE * input_range_v / float(np.max(np.abs(recording.position))),
         }
         bound = min(rooms, key=lambda name: rooms[name])
         if rooms[bound] <= 1.3:
             break
         volts *= min(_STEP, rooms[bound])
-    _require_own(rig, channel.name, heard, level)
-    return Level(heard.volts, level, moved, bound)
+    _require_own(rig, channel.name, recording, level)
+    return Level(recording.volts, level, moved, bound)
 
 
-def _require_own(rig: Rig, name: str, heard: Heard, level_db: float) -> None:
-    loudest = int(np.argmax(heard.others_v))
+def _require_own(rig: Rig, name: str, recording: Recording, level_db: float) -> None:
+    loudest = int(np.argmax(recording.others_v))
     column = rig.channels.index(name)
-    if loudest != column and heard.others_v[loudest] > 3.0 * heard.others_v[column]:
+    if loudest != column and recording.others_v[loudest] > 3.0 * recording.others_v[column]:
         raise BadInput(
             f"channel {name!r} is answered by the sensor of {rig.channels[loudest]!r}",
             "wires as the display file says (output and input in [sound])",
         )
     if level_db < _LEAST_DB:
         raise BadInput(
-            f"channel {name!r}: its sensor does not hear {heard.volts:.3g} V at its output ({level_db:.0f} dB above "
-            "the noise)",
+            f"channel {name!r}: its sensor does not measure {recording.volts:.3g} V at its output "
+            f"({level_db:.0f} dB above the noise)",
             "a sensor and an actuator that are connected, or a larger range_v",
         )
 
@@ -168,15 +168,15 @@ _POINTS, _SHARP = 90, 0.06
 _LINES, _SLOW_SHARE = 240, 0.2
 """Lines given to a fit, even in log frequency; share of the band's lower edge below which a zero is at rest."""
 _FAR, _FALLS_OFF = 10.0, 4.0
-"""Of the band's upper edge: where nothing was heard, and where a plant that does not fall off is made to."""
+"""Of the band's upper edge: where nothing was measured, and where a plant that does not fall off is made to."""
 _MARGIN_S = 0.01
 """What is left of an answer's delay for the fit: no mechanism answers later than 10 ms by itself."""
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
-    """A plant that follows what was heard. by: "model" or "response"; model: what `identify` made, where it does;
-    departure_db: greatest departure from what was heard of fresh noise in the band, beyond twice its own error.
+class PlantEstimate:
+    """A plant that fits what was measured. by: "model" or "response"; model: what `identify` made, where it does;
+    departure_db: greatest departure from the response to fresh noise in the band, beyond twice its own error.
     """
 
     plant: ContinuousSystem
@@ -186,13 +186,15 @@ class Followed:
     remarks: tuple[str, ...]
 
 
-def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, float]) -> Followed:
+def estimate_plant(
+    channel: Channel, recording: Recording, fresh: Recording, band_hz: tuple[float, float]
+) -> PlantEstimate:
     """Return the plant of a channel: the first model whose magnitude keeps to fresh noise within 0.4 dB over the band,
     the best of them otherwise; where none comes within 1 dB, a plant of the response by itself.
     """
-    late_s = _bulk_delay_s(heard)
-    given = _points(heard, late_s)
-    best: Followed | None = None
+    late_s = _bulk_delay_s(recording)
+    given = _points(recording, late_s)
+    best: PlantEstimate | None = None
     remarks: list[str] = []
     for poles, zeros in FORMS:
         try:
@@ -208,14 +210,14 @@ def follow(channel: Channel, heard: Heard, fresh: Heard, band_hz: tuple[float, f
                 continue
             off = departure_db(plant, fresh, band_hz)
             if best is None or off < best.departure_db:
-                best = Followed(plant, "model", model, off, fit.distrust)
+                best = PlantEstimate(plant, "model", model, off, fit.distrust)
             if off <= _FOLLOWS_DB:
                 return best
     if best is None or best.departure_db > 1.0:
-        plant = at_rest(_plant_heard(heard, band_hz), band_hz)
+        plant = at_rest(_plant_of_response(recording, band_hz), band_hz)
         off = departure_db(plant, fresh, band_hz)
         if best is None or off < best.departure_db:
-            best = Followed(plant, "response", None, off, tuple(remarks))
+            best = PlantEstimate(plant, "response", None, off, tuple(remarks))
     return best
 
 
@@ -228,8 +230,8 @@ def at_rest(plant: ContinuousSystem, band_hz: tuple[float, float]) -> Continuous
 
 
 def near_band(plant: ContinuousSystem, band_hz: tuple[float, float]) -> ContinuousSystem:
-    """Return the plant without poles and zeros beyond ten times the band, where nothing was heard. Where it would not
-    fall off there, it gets poles of Butterworth's at four times the band, and its dead time is less by theirs.
+    """Return the plant without poles and zeros beyond ten times the band, where nothing was measured. Where it would
+    not fall off there, it gets poles of Butterworth's at four times the band, and its dead time is less by theirs.
 
     A pole beyond the sampling rate does nothing in the band. But a plant that still answers there, held from sample to
     sample, answers in the band with the held command's images.
@@ -248,34 +250,34 @@ def near_band(plant: ContinuousSystem, band_hz: tuple[float, float]) -> Continuo
     return ContinuousSystem(zeros, all_poles, gain * corner**count, max(0.0, plant.delay_s - late_s))
 
 
-def _held_well(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> bool:
+def _held_well(plant: ContinuousSystem, recording: Recording, band_hz: tuple[float, float]) -> bool:
     """Return whether the plant answers in most of the band as it does held from sample to sample, which its prefilter
     sees. A deep antiresonance moves a little when it is held, and is let be.
     """
-    frequency = heard.wave.frequency_hz
+    frequency = recording.wave.frequency_hz
     inside = frequency[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
-    rate_hz = heard.wave.rate_hz
+    rate_hz = recording.wave.rate_hz
     held = discretise(replace(plant, delay_s=plant.delay_s % (1.0 / rate_hz)), rate_hz, "zoh")
     return bool(np.median(np.abs(db(np.abs(held.response(inside) / plant.response(inside))))) <= _HELD_DB)
 
 
-def _bulk_delay_s(heard: Heard) -> float:
+def _bulk_delay_s(recording: Recording) -> float:
     """Return a delay, seconds, that is less than the answer's own by 10 ms or less: where its impulse response begins.
 
     Between lines of even distance in log frequency a card's delay of 100 ms turns the phase by more than half a turn.
     """
-    response, _ = heard.response()
-    spectrum = np.zeros(heard.wave.period // 2 + 1, dtype=np.complex128)
-    spectrum[heard.wave.bins] = response
-    impulse = np.abs(np.fft.irfft(spectrum, heard.wave.period))
+    response, _ = recording.response()
+    spectrum = np.zeros(recording.wave.period // 2 + 1, dtype=np.complex128)
+    spectrum[recording.wave.bins] = response
+    impulse = np.abs(np.fft.irfft(spectrum, recording.wave.period))
     begun = int(np.flatnonzero(impulse > 0.5 * np.max(impulse))[0])
-    return max(0.0, begun / heard.wave.rate_hz - _MARGIN_S)
+    return max(0.0, begun / recording.wave.rate_hz - _MARGIN_S)
 
 
-def _points(heard: Heard, late_s: float) -> FrequencyResponse:
-    """Return the response at lines of even distance in log frequency, with phase, late_s earlier than it was heard."""
-    response, error = heard.response()
-    frequency = heard.wave.frequency_hz
+def _points(recording: Recording, late_s: float) -> FrequencyResponse:
+    """Return the response at lines evenly spaced in log frequency, with phase, late_s earlier than measured."""
+    response, error = recording.response()
+    frequency = recording.wave.frequency_hz
     response = response * np.exp(2j * np.pi * frequency * late_s)
     wanted = np.geomspace(frequency[0], frequency[-1], _LINES)
     chosen = np.unique(np.searchsorted(frequency, wanted).clip(0, frequency.size - 1))
@@ -283,12 +285,12 @@ def _points(heard: Heard, late_s: float) -> FrequencyResponse:
     return FrequencyResponse(frequency[chosen], np.abs(value), np.angle(value), np.maximum(error[chosen], 1e-3))
 
 
-def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, float]) -> float:
-    """Return the greatest departure of the plant's magnitude from what was heard, dB, in means over nine lines (2 Hz),
-    beyond twice the error of such a mean.
+def departure_db(plant: ContinuousSystem, recording: Recording, band_hz: tuple[float, float]) -> float:
+    """Return the greatest departure of the plant's magnitude from the measured response, dB, in means over nine
+    lines (2 Hz), beyond twice the error of such a mean.
     """
-    response, error = heard.response()
-    frequency = heard.wave.frequency_hz
+    response, error = recording.response()
+    frequency = recording.wave.frequency_hz
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     modelled = plant.response(frequency[inside])
     ratio = np.abs(response[inside]) / np.abs(modelled)
@@ -297,9 +299,9 @@ def departure_db(plant: ContinuousSystem, heard: Heard, band_hz: tuple[float, fl
     return float(np.max(np.abs(db(mean)) - db(1.0 + 2.0 * unsure / np.sqrt(_MEAN))))
 
 
-def _plant_heard(heard: Heard, band_hz: tuple[float, float]) -> ContinuousSystem:
-    response, error = heard.response()
-    frequency = heard.wave.frequency_hz
+def _plant_of_response(recording: Recording, band_hz: tuple[float, float]) -> ContinuousSystem:
+    response, error = recording.response()
+    frequency = recording.wave.frequency_hz
     inside = (frequency >= 0.95 * band_hz[0]) & (frequency <= 1.05 * band_hz[1])
     return plant_of_levels(frequency[inside], db(np.abs(response[inside])), error[inside])
 

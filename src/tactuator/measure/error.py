@@ -127,9 +127,9 @@ def reading_doubt_db(
     doubt, coarse = images_db(controller.display, name, frequency_hz), noise_v < DITHERED * step_v
     if np.any(coarse):
         feedback = ChannelPrediction.of(controller, name).loop.feedback
-        heard = None if feedback is None else feedback.sensitivity
+        sensitivity = None if feedback is None else feedback.sensitivity
         for at in np.flatnonzero(coarse):
-            read = gain_beside_hum(channel, amplitude_v[at : at + 1], float(noise_v[at]), heard)
+            read = gain_beside_hum(channel, amplitude_v[at : at + 1], float(noise_v[at]), sensitivity)
             doubt[at] += np.max(np.abs(db(np.maximum(read, _BLIND))))
     return doubt
 

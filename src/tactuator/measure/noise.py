@@ -197,7 +197,7 @@ def felt_noise(
     silent = np.zeros((round((settle_s + duration_s) * rig.rate_hz), len(rig.channels)))
     trace = rig.play(silent)
     start = round(settle_s * rig.rate_hz)
-    heard = []
+    measured = []
     for name, channel in zip(rig.channels, channels, strict=True):
         plant = channel.loaded_plant(None if load in (None, "none") else channel.load(str(load)))
         column = trace.channel(name)
@@ -206,8 +206,8 @@ def felt_noise(
         felt = felt_of_command(command, rig.rate_hz, channel, plant, mains_hz)
         saturated = bool(np.any(trace.saturated[start:, column]))
         felt = replace(felt, load=load or "none", saturated=saturated, sensor=sensor)
-        heard.append(_as_motion(felt, (position, command), rig.rate_hz, channel, plant))
-    return tuple(heard)
+        measured.append(_as_motion(felt, (position, command), rig.rate_hz, channel, plant))
+    return tuple(measured)
 
 
 def felt_of_command(
@@ -326,30 +326,30 @@ def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tupl
 
 
 def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Sequence[str] = ()) -> Verdict:
-    """Return what was heard of the designed loop as a verdict on objectives ii and iii.
+    """Return the measured noise of the designed loop as a verdict on objectives ii and iii.
 
-    open_loops: channels without a loop, where nothing carries what the sensor hears to the finger: not judged.
+    open_loops: channels without a loop, where nothing carries the sensor noise to the finger: not judged.
     """
     allowed = display.objectives
     findings: list[Finding] = []
-    for heard in felt:
-        if heard.channel in open_loops:
+    for noise in felt:
+        if noise.channel in open_loops:
             for number, quantity in (("ii", FELT_HUM), ("iii", FELT_NOISE)):
                 remark = NO_LOOP
-                findings.append(Finding(number, heard.channel, heard.load, Outcome.NOT_JUDGED, quantity, remark=remark))
+                findings.append(Finding(number, noise.channel, noise.load, Outcome.NOT_JUDGED, quantity, remark=remark))
             continue
-        judged = heard.channel, heard.load
-        for line, *levels in zip(heard.line_hz.tolist(), heard.line_db_sl, heard.line_moved_db_sl, strict=True):
+        judged = noise.channel, noise.load
+        for line, *levels in zip(noise.line_hz.tolist(), noise.line_db_sl, noise.line_moved_db_sl, strict=True):
             figure = *judged, FELT_HUM, allowed.mains_max_db_sl, line
             findings.append(_compared("ii", *figure, hum_remedy(line), levels))
-        if heard.line_hz.size == 0:
-            remark = "no mains line was listened for"
+        if noise.line_hz.size == 0:
+            remark = "no mains line was measured"
             findings.append(Finding("ii", *judged, Outcome.NOT_JUDGED, FELT_HUM, remark=remark))
-        both, most = np.array([heard.band_db_sl, heard.band_moved_db_sl]), allowed.noise_max_db_sl
+        both, most = np.array([noise.band_db_sl, noise.band_moved_db_sl]), allowed.noise_max_db_sl
         worst = int(np.argmax(both.min(axis=0) if both.min(axis=0).max() > most else both.max(axis=0)))
-        levels, at = both[:, worst].tolist(), float(heard.band_hz[worst])
-        if heard.resonance_hz is not None and (heard.resonance_db_sl or 0.0) > max(levels):
-            levels, at = [heard.resonance_db_sl] * 2, heard.resonance_hz
+        levels, at = both[:, worst].tolist(), float(noise.band_hz[worst])
+        if noise.resonance_hz is not None and (noise.resonance_db_sl or 0.0) > max(levels):
+            levels, at = [noise.resonance_db_sl] * 2, noise.resonance_hz
         findings.append(_compared("iii", *judged, FELT_NOISE, most, at, NOISE_REMEDY, levels))
     assumed = () if len(open_loops) == len(felt) else (_OF_THE_SENSOR,)
     return verdict_of([*findings, *doubtful(display)], assumed)
@@ -362,7 +362,7 @@ _OF_THE_SENSOR = "white noise, and hum as loud as hum_v_peak, are of the sensor 
 def _compared(
     number: str, channel: str, load: str, quantity: str, most: float, at_hz: float, remedy: str, levels: list[float]
 ) -> Finding:
-    """Return the finding on a level, dB SL, if what is heard is of the sensor, and if it moves the finger."""
+    """Return the finding on a level, dB SL, if the noise is of the sensor, and if it moves the finger."""
     sensed, moved = levels
     low, high = sorted(levels)
     figure = high if low <= most else low, most, "dB SL"

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, NoDesign
-from tactuator.measure.broadband import Followed, Heard, Level, broadband, find_level, follow, hear, plant_of_levels
+from tactuator.measure.broadband import (
+    Level,
+    PlantEstimate,
+    Recording,
+    broadband,
+    estimate_plant,
+    find_level,
+    plant_of_levels,
+    record_wave,
+)
 from tactuator.measure.error import ChannelPrediction, error_db
 from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import multisine_response
@@ -203,7 +212,7 @@ class CalibratedChannel:
 
     name: str
     level: Level
-    followed: Followed
+    estimate: PlantEstimate
     usable: UsableBand
     first: Flatness
     last: Flatness
@@ -236,12 +245,12 @@ class Calibrated:
 
 @dataclass(frozen=True, eq=False)
 class KnownChannel:
-    """A channel as it was recorded and identified, before an equaliser. heard: five periods of a broadband command."""
+    """A channel as recorded and identified, before an equaliser. recording: five periods of a broadband command."""
 
     channel: Channel
     level: Level
-    heard: Heard
-    followed: Followed
+    recording: Recording
+    estimate: PlantEstimate
     usable: UsableBand
 
 
@@ -260,8 +269,8 @@ def calibrate(
     equaliser, felt flatness; where that is not within 0.7 of the tolerance, the plant is corrected by what was measured
     and equalised again, twice at most.
 
-    Raises BadInput where a sensor does not hear its own actuator, or nothing can be reached; NoEqualiser, with what was
-    measured; DeviceFault.
+    Raises BadInput where a sensor does not measure its own actuator, or nothing can be reached; NoEqualiser, with what
+    was measured; DeviceFault.
     """
     require_sensors(rig, rig.channels)
     rig.feed_far_ahead()
@@ -295,7 +304,7 @@ def calibrate(
         controller, last, rounds = again, felt, rounds + 1
     rig.load(controller)
     calibrated = (
-        CalibratedChannel(each.channel.name, each.level, each.followed, each.usable, before, after, rounds)
+        CalibratedChannel(each.channel.name, each.level, each.estimate, each.usable, before, after, rounds)
         for each, before, after in zip(known, first, last, strict=True)
     )
     return Calibrated(controller, tuple(calibrated))
@@ -311,23 +320,23 @@ def _known(
     note(f"{channel.name}: level")
     level = find_level(rig, channel, waves[0], input_v)
     note(f"{channel.name}: recording at {level.volts:.3g} V")
-    heard = hear(rig, channel.name, waves[0], level.volts, KEPT_PERIODS)
-    fresh = hear(rig, channel.name, waves[1], level.volts, FRESH_PERIODS)
+    recording = record_wave(rig, channel.name, waves[0], level.volts, KEPT_PERIODS)
+    fresh = record_wave(rig, channel.name, waves[1], level.volts, FRESH_PERIODS)
     note(f"{channel.name}: identifying")
-    followed = follow(channel, heard, fresh, asked.band_hz)
-    usable = usable_band(channel, followed.plant, asked.band_hz, asked.level_db_sl)
+    estimate = estimate_plant(channel, recording, fresh, asked.band_hz)
+    usable = usable_band(channel, estimate.plant, asked.band_hz, asked.level_db_sl)
     threshold = replace(channel.threshold, band_hz=usable.band_hz)
     identified = replace(
         channel,
-        plant=followed.plant,
+        plant=estimate.plant,
         threshold=threshold,
         valid_hz=asked.band_hz,
         loads=(),
         family=(),
         covariance=(),
-        model_error_db=max(0.0, followed.departure_db),
+        model_error_db=max(0.0, estimate.departure_db),
     )
-    return KnownChannel(identified, level, heard, followed, usable)
+    return KnownChannel(identified, level, recording, estimate, usable)
 
 
 def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
@@ -335,7 +344,7 @@ def _put_back(rig: SoundRig, known: list[KnownChannel]) -> list[KnownChannel]:
     sensor and reference are aligned in the rows of a trial. A plant that is a measured response has no dead time and is
     left out.
     """
-    late = [int(each.followed.plant.delay_s * rig.rate_hz) for each in known if each.followed.by == "model"]
+    late = [int(each.estimate.plant.delay_s * rig.rate_hz) for each in known if each.estimate.by == "model"]
     if not late or min(late) == 0:
         return known
     rig.put_back(min(late))

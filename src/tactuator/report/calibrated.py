@@ -59,8 +59,8 @@ def open_loop_page(calibrated: Calibrated, asked: CalibrationRequest, rig: str, 
 def _channel(calibrated: CalibratedChannel, controller: Controller, asked: CalibrationRequest) -> list[str]:
     channel = controller.display.channel(calibrated.name)
     low, high = calibrated.usable.band_hz
-    last, plant, level = calibrated.last, calibrated.followed.plant, calibrated.level
-    off_db = max(0.0, calibrated.followed.departure_db)
+    last, plant, level = calibrated.last, calibrated.estimate.plant, calibrated.level
+    off_db = max(0.0, calibrated.estimate.departure_db)
     card = controller.display.sound
     assert card is not None
     wires = card.wires[controller.display.channels.index(channel)]
@@ -75,7 +75,7 @@ def _channel(calibrated: CalibratedChannel, controller: Controller, asked: Calib
         "corrected at that level": f"{calibrated.rounds} times (first {calibrated.first.worst_db:+.2f} dB)"
         if calibrated.rounds
         else "not needed",
-        "plant": f"{_PLANTS[calibrated.followed.by]}, {plant.poles.size} poles; within {off_db:.2f} dB of fresh noise",
+        "plant": f"{_PLANTS[calibrated.estimate.by]}, {plant.poles.size} poles; within {off_db:.2f} dB of fresh noise",
         "dead time": f"{put_back_ms:.3f} ms put back (latency_samples = {card.latency_samples}), card included; "
         f"{1e3 * channel.plant.delay_s:.3f} ms left in the plant",
         "recorded at": f"{level.volts:.3g} V peak, {1e3 * level.moved_mm:.3g} µm peak (bound by {level.bound_by})",
@@ -107,7 +107,7 @@ def _by_octave(flat: Flatness) -> list[str]:
 
 
 _OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0)
-_PLANTS = {"model": "model", "response": "the response by itself, as no model followed within 1 dB"}
+_PLANTS = {"model": "model", "response": "the response by itself, as no model is within 1 dB"}
 _PER = {"displacement": "", "velocity": "/s", "acceleration": "/s²"}
 
 
@@ -126,8 +126,8 @@ def write_calibrated(
     write_text(folder / "report.md", open_loop_page(calibrated, asked, rig, date, gaps))
     equalisers = []
     for channel, designed in zip(calibrated.channels, controller.channels, strict=True):
-        if channel.followed.model is not None:
-            write_model(folder / f"{channel.name}.model.json", channel.followed.model)
+        if channel.estimate.model is not None:
+            write_model(folder / f"{channel.name}.model.json", channel.estimate.model)
         impulse, volts = impulse_response(designed, rate_hz)
         with atomic_path(folder / f"{channel.name}.equaliser.wav") as beside:
             soundfile.write(beside, impulse, round(rate_hz), subtype="FLOAT", format="WAV")
@@ -146,13 +146,13 @@ def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> t
     names = ["display.toml"]
     write_text(folder / "display.toml", toml_text(display_document(reached.display)))
     for known in reached.known:
-        name, heard = known.channel.name, known.heard
+        name, recording = known.channel.name, known.recording
         about = {"rig": rig, "channel": name, "display": reached.display.name, "hold": "band-limited", "date": date}
-        record = Record(heard.wave.rate_hz, heard.command.ravel(), heard.position.ravel(), about=about)
+        record = Record(recording.wave.rate_hz, recording.command.ravel(), recording.position.ravel(), about=about)
         write_record(folder / f"{name}.record.h5", record)
         names.append(f"{name}.record.h5")
-        if known.followed.model is not None:
-            write_model(folder / f"{name}.model.json", known.followed.model)
+        if known.estimate.model is not None:
+            write_model(folder / f"{name}.model.json", known.estimate.model)
             names.append(f"{name}.model.json")
     return tuple(names)
 

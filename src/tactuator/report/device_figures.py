@@ -200,19 +200,19 @@ def motor_figure(fit: Identification, channel: str, rate_hz: float) -> ReportFig
 def noise_figure(probed: Mapping[str, FeltNoise], designed: FeltNoise) -> ReportFigure:
     """Draw one channel: third octaves (left), mains lines (right), under each probing controller and the designed."""
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(probed)))
-    heard_by: list[tuple[str, str, FeltNoise, Any, float]] = [
-        (name, name, heard, tuple(shade), 1.0) for shade, (name, heard) in zip(shades, probed.items(), strict=True)
+    by_source: list[tuple[str, str, FeltNoise, Any, float]] = [
+        (name, name, noise, tuple(shade), 1.0) for shade, (name, noise) in zip(shades, probed.items(), strict=True)
     ]
     bands, lines = [], []
     rows: list[tuple[object, ...]] = []
-    for name, label, heard, colour, width in (*heard_by, ("designed", "designed loop", designed, RED, 2.0)):
-        bands.append(ChartLine(label, heard.band_hz, heard.band_db_sl, colour=colour, width=width))
-        lines.append(ChartLine("", heard.line_hz, heard.line_db_sl, "o-", colour=colour, width=width))
-        if heard.resonance_hz is not None and heard.resonance_db_sl is not None:
-            resonance = ([heard.resonance_hz], [heard.resonance_db_sl])
+    for name, label, noise, colour, width in (*by_source, ("designed", "designed loop", designed, RED, 2.0)):
+        bands.append(ChartLine(label, noise.band_hz, noise.band_db_sl, colour=colour, width=width))
+        lines.append(ChartLine("", noise.line_hz, noise.line_db_sl, "o-", colour=colour, width=width))
+        if noise.resonance_hz is not None and noise.resonance_db_sl is not None:
+            resonance = ([noise.resonance_hz], [noise.resonance_db_sl])
             bands.append(ChartLine("", resonance[0], resonance[1], "v", colour=colour))
-        rows += labelled((name, "line"), heard.line_hz, heard.line_db_sl)
-        rows += labelled((name, "third octave"), heard.band_hz, heard.band_db_sl)
+        rows += labelled((name, "line"), noise.line_hz, noise.line_db_sl)
+        rows += labelled((name, "third octave"), noise.band_hz, noise.band_db_sl)
     of: dict[str, Any] = {"limits": {"threshold": 0.0}}
     charts = [
         Chart(FREQUENCY, "felt level (dB SL)", bands, log_x=True, title="third octaves", **of),

@@ -53,7 +53,7 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
 _AT_ONE = 1e-9
 
 
-def bears_any_lower_gain(family: Sequence[Member]) -> bool:
+def can_be_unconditionally_stable(family: Sequence[Member]) -> bool:
     """Return whether a loop with one integrator around each plant can be stable at every lower gain, and is required to
     be: no pole outside the unit circle, at most one at z = 1. A clipped command acts like a loop of lower gain.
     """

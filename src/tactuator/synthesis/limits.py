@@ -14,7 +14,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.model.requirements import FeedbackRequirements
-from tactuator.synthesis.family import Member, bears_any_lower_gain
+from tactuator.synthesis.family import Member, can_be_unconditionally_stable
 
 Quantity = Literal[
     "|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak", "least_gain"
@@ -43,7 +43,7 @@ class Limit:
         return _UNITS.get(self.quantity, "1")
 
     @property
-    def gives_way(self) -> bool:
+    def relaxable(self) -> bool:
         """Return whether the limit may be loosened; stability at every lower gain may not."""
         return self.quantity != "least_gain"
 
@@ -71,7 +71,7 @@ class Limit:
 
     def excess_db(self, figure: FloatArray | float) -> FloatArray:
         """Return by how much figures of any shape pass the limit on the common scale, dB; negative where kept."""
-        if not self.gives_way:
+        if not self.relaxable:
             return np.asarray(DB * np.log1p(figure))
         if self.unit == "1":
             return np.asarray(DB * np.log(np.asarray(figure, dtype=np.float64) / self.asked))
@@ -79,7 +79,7 @@ class Limit:
 
     def figure_at(self, excess_db: float) -> float:
         """Return the figure that passes the limit by so much on the common scale."""
-        if not self.gives_way:
+        if not self.relaxable:
             return float(np.expm1(excess_db / DB))
         if self.unit == "1":
             return self.asked * float(np.exp(excess_db / DB))
@@ -89,7 +89,7 @@ class Limit:
         """Return the limit that gives way by so much, with four digits, rounded to the looser side; None where that is
         no looser limit, or none at all.
         """
-        if not self.gives_way:
+        if not self.relaxable:
             return None
         value = self.figure_at(excess_db)
         if value != 0.0:
@@ -105,7 +105,8 @@ def loop_limits(
 ) -> tuple[Limit, ...]:
     """Return the limits of a display's [feedback], then that on max|T|, if any: first the lines of |T| and of |S|.
 
-    bears_less: the loop has to be stable at every lower gain (`family.bears_any_lower_gain`), which is the last limit.
+    bears_less: the loop has to be stable at every lower gain, which is the last limit
+    (`family.can_be_unconditionally_stable`).
     """
     hum = zip(requirements.mains_hz, requirements.mains_max_db, strict=True)
     rejection = zip(requirements.rejection_hz, requirements.rejection_max_db, strict=True)
@@ -139,13 +140,13 @@ class Task:
         cls, family: Sequence[Member], requirements: FeedbackRequirements, rate_hz: float, resonance_peak: float
     ) -> Task:
         """Return the task of a display's [feedback] and its resonance objective."""
-        limits = loop_limits(requirements, resonance_peak, bears_any_lower_gain(family))
+        limits = loop_limits(requirements, resonance_peak, can_be_unconditionally_stable(family))
         return cls(tuple(family), limits, requirements.rejection_band_hz, rate_hz)
 
     @property
-    def must_bear_less(self) -> bool:
+    def requires_unconditional_stability(self) -> bool:
         """Return whether the loop must be stable at every lower gain."""
-        return not all(limit.gives_way for limit in self.limits)
+        return not all(limit.relaxable for limit in self.limits)
 
     def limits_at(self, share: float) -> tuple[Limit, ...]:
         """Return the limits with 1 - share of the resonance objective in reserve."""

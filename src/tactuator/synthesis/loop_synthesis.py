@@ -141,7 +141,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
     that each excess is that of the assessment, and a reserve more. A solution that keeps every limit at once goes
     through one round all the same, for what its grids exaggerated.
     """
-    stays = np.array([not limit.gives_way for limit in problem.limits])
+    stays = np.array([not limit.relaxable for limit in problem.limits])
     settled: Candidate | None = None
     for reserve_db in _RESERVES_DB:
         feedback = problem.structure.system(solution.parameters)

@@ -41,7 +41,7 @@ from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.loop_figures import around_modes_hz, margins
 from tactuator.signals.spectra import third_octave_bands
 from tactuator.synthesis.design import headroom, headroom_grid_hz
-from tactuator.synthesis.family import UNLOADED, Member, bears_any_lower_gain, plant_family
+from tactuator.synthesis.family import UNLOADED, Member, can_be_unconditionally_stable, plant_family
 from tactuator.synthesis.felt import felt_db_sl, felt_hum_v, felt_noise_rms_v, friction_loss_db, steps_change_db
 from tactuator.synthesis.monte_carlo import SHIFT, DrawnPlants, light_roots, moved_root
 from tactuator.synthesis.prefilter import band_grid_hz, response_error_db
@@ -375,7 +375,7 @@ def judge_channel(controller: ChannelController, channel: Channel, display: Disp
     prefilter, feedback = controller.prefilter(display.rate_hz), controller.feedback(display.rate_hz)
     loops = [TwoDegreeLoop(prefilter, feedback, member.sampled) for member in family]
     stable = [loop.feedback is None or loop.feedback.is_stable for loop in loops]
-    bears_less = bears_any_lower_gain(family)
+    bears_less = can_be_unconditionally_stable(family)
     for member, loop, is_stable in zip(family, loops, stable, strict=True):
         bare = member.model * (1 + len(channel.loads))  # the same model without load
         besides = controller.feed_forward, controller.strength

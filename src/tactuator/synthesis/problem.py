@@ -79,7 +79,7 @@ class LoopProblem:
         self.tighten = np.zeros(len(self.limits))
         self._kept: dict[bytes, Point] = {}
         self.solved: dict[tuple[object, ...], Solution | None] = {}
-        self._hard = np.array([not limit.gives_way for limit in self.limits])
+        self._hard = np.array([not limit.relaxable for limit in self.limits])
         low, high = task.rejection_band_hz
         nodes, weights = np.polynomial.legendre.leggauss(16)
         band = np.exp(0.5 * (np.log(low * high) + np.log(high / low) * nodes))
@@ -293,7 +293,7 @@ def _solve_near(
 def is_sound(feedback: SampledSystem, task: Task) -> bool:
     """Return whether the loop is stable on every plant and, if required, at every lower gain."""
     loops = [FeedbackLoop(feedback, member.sampled) for member in task.family]
-    most = 0.0 if task.must_bear_less else 1.0
+    most = 0.0 if task.requires_unconditional_stability else 1.0
     return all(loop.is_stable and least_gain(loop.open_loop) <= most for loop in loops)
 
 

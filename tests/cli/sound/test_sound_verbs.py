@@ -11,7 +11,7 @@ import pytest
 
 from tactuator.io.record import read_record
 from tactuator.io.text import toml_text
-from tactuator.measure.broadband import Followed, Heard, Level
+from tactuator.measure.broadband import Level, PlantEstimate, Recording
 from tactuator.measure.open_loop import KnownChannel, NoEqualiser
 from tactuator.model.description import display_document
 from tactuator.rig.sound import cards
@@ -139,12 +139,12 @@ def test_calibrate_display__no_equaliser__what_was_measured_is_kept(room, run, m
     put_in(monkeypatch)
     period = np.sin(2.0 * np.pi * np.arange(64) / 8.0)
     wave = Multisine(8000.0, 64, np.array([8]), np.ones(1), np.array([-0.5 * np.pi]))
-    heard = Heard(wave, 1.0, np.stack([period] * 5), np.stack([0.5 * period] * 5), period)
+    heard = Recording(wave, 1.0, np.stack([period] * 5), np.stack([0.5 * period] * 5), period)
     level = Level(1.0, 30.0, 0.1, "noise")
 
     def none(rig: Any, *more: Any) -> None:
         channels = rig.display.channels
-        followed = [Followed(channel.plant, "response", None, 0.2, ()) for channel in channels]
+        followed = [PlantEstimate(channel.plant, "response", None, 0.2, ()) for channel in channels]
         known = (KnownChannel(*pair[:1], level, heard, pair[1], None) for pair in zip(channels, followed, strict=True))
         raise NoEqualiser("no prefilter of 16 poles", rig.display, tuple(known))
 

@@ -33,7 +33,7 @@ def test_calibrate__exciter_and_a_persons_curve__is_felt_flat_by_its_equations()
     made = calibrate(exciter_rig([exciter], curve=person), ASKED, np.random.default_rng(0))
     (one,) = made.channels
     assert made.flat
-    assert one.followed.by == "model"
+    assert one.estimate.by == "model"
     # the card's period and the exciter's own dead time are put back, to the sample
     assert made.controller.display.sound.latency_samples == pytest.approx(PERIOD + exciter.delay_s * RATE_HZ, abs=1.0)
     assert made.controller.display.channels[0].threshold.curve is person
@@ -65,7 +65,7 @@ def test_corrected__measured_error__the_plant_with_that_error_in_the_band():
 
 def known_rig(monkeypatch, channel, display):
     """A rig whose one channel is known already."""
-    known = SimpleNamespace(channel=channel, level=None, heard=None, usable=None, followed=None)
+    known = SimpleNamespace(channel=channel, level=None, recording=None, usable=None, estimate=None)
     monkeypatch.setattr(chain, "_known", lambda *given: known)
     monkeypatch.setattr(chain, "_put_back", lambda rig, known: known)
     return SimpleNamespace(

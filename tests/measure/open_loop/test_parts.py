@@ -10,7 +10,7 @@ from scipy import signal
 from tactuator.errors import BadInput
 from tactuator.io.display import read_display
 from tactuator.io.text import toml_text
-from tactuator.measure.broadband import broadband, find_level, follow, hear, near_band
+from tactuator.measure.broadband import broadband, estimate_plant, find_level, near_band, record_wave
 from tactuator.measure.open_loop import _groups, usable_band
 from tactuator.model.controller import Controller
 from tactuator.rig.rig import require_sensors
@@ -44,10 +44,10 @@ def test_broadband__lines__are_in_the_band_and_off_mains():
 
 def test_hear__linear_exciter__its_truth():
     rig = exciter_rig([replace(EXCITER, noise=0.5, hum=3.0)])
-    heard = hear(rig, "exciter", wave(), 0.05, 2)
-    response, _ = heard.response()
-    s = 2j * np.pi * heard.wave.frequency_hz
-    truth = 1e-3 * s**2 * EXCITER.response(heard.wave.frequency_hz)
+    recording = record_wave(rig, "exciter", wave(), 0.05, 2)
+    response, _ = recording.response()
+    s = 2j * np.pi * recording.wave.frequency_hz
+    truth = 1e-3 * s**2 * EXCITER.response(recording.wave.frequency_hz)
     off = 20.0 * np.log10(np.abs(response / truth))
     assert np.max(np.abs(off)) < 0.15
     assert abs(np.median(off)) < 0.01
@@ -64,7 +64,7 @@ def test_find_level__sensors_swapped_off_or_not_there__are_told():
     with pytest.raises(BadInput, match="channel 'left' is answered by the sensor of 'right'"):
         find_level(again, display.channels[0], wave(), 100.0)
     deaf = exciter_rig([replace(EXCITER, drive=1e-3)])
-    with pytest.raises(BadInput, match="its sensor does not hear"):
+    with pytest.raises(BadInput, match="its sensor does not measure"):
         find_level(deaf, deaf.display.channels[0], wave(), 100.0)
     none, _ = turned_rig(sound_display(input=0))
     with pytest.raises(BadInput, match="'left' has no sensor, and there is nothing to measure with"):
@@ -141,8 +141,8 @@ def test_follow__card_that_is_119_ms_late__model_and_its_delay_to_the_sample(mon
     exciter = replace(exciters.drawn_exciter(7), noise=5.0)
     rig = exciter_rig([exciter])
     rig.feed_far_ahead()
-    heard, fresh = (hear(rig, "exciter", wave(seed), 0.1, 2) for seed in (1, 2))
-    found = follow(rig.display.channels[0], heard, fresh, BAND_HZ)
+    recording, fresh = (record_wave(rig, "exciter", wave(seed), 0.1, 2) for seed in (1, 2))
+    found = estimate_plant(rig.display.channels[0], recording, fresh, BAND_HZ)
     assert found.by == "model"
     assert found.departure_db < 0.4
     assert found.plant.delay_s * RATE_HZ == pytest.approx(4096 + exciter.delay_s * RATE_HZ, abs=1.0)

@@ -17,7 +17,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-VERSION = 7
+VERSION = 8
 """Version of these tables; a store with another one is refused."""
 
 tables = MetaData()
@@ -128,7 +128,7 @@ interval = _table(
     *_needed(String, "stimulus"),
     *_optional(Float, "commanded_db_sl", "measured_db_sl"),
     *_needed(Boolean, "saturated"),
-    *_optional(Float, "onset_s", "duration_s", "lamp_late_s", "client_lit_ms"),
+    *_optional(Float, "onset_s", "duration_s", "cue_delay_s", "client_lit_ms"),
     UniqueConstraint("trial_id", "position"),
 )
 

@@ -1,23 +1,23 @@
 "use strict";
-// Shows the responses as buttons that fit the page, or a field for a number where there are none, and lamps for
+// Shows the responses as buttons that fit the page, or a field for a number where there are none, and cues for
 // intervals that are no responses.
 const LARGEST_PX = [260, 200], FONTS_PX = [88, 72, 60, 48, 40, 34, 28, 24, 21, 19, 17, 16, 15, 14, 13, 12];
 const SPACINGS_PX = [{ gap: 8, least: 44, margin: 18 }, { gap: 4, least: 38, margin: 14 }]; // the second is for many responses
 
 class Choices {
   // choices: {response, keys, codes}; intervals: names of those that are shown; chosen: called with a response.
-  constructor(box, lamps, choices, intervals, chosen) {
+  constructor(box, cues, choices, intervals, chosen) {
     this.box = box;
     this.choices = choices;
     this.buttons = new Map(choices.map((choice) => [choice.response, this.button(choice, chosen)]));
     const own = intervals.length > 0 && intervals.every((name) => this.buttons.has(name));
     this.inRow = own || choices.length === 2; // responses in the order of time, or two of them
-    this.lamps = (own ? [] : intervals.length ? intervals : [""]).map((name) => make("span", { class: "lamp" }, name));
-    this.intervals = own ? intervals.map((name) => this.buttons.get(name)) : intervals.length ? this.lamps : [];
+    this.cues = (own ? [] : intervals.length ? intervals : [""]).map((name) => make("span", { class: "cue" }, name));
+    this.intervals = own ? intervals.map((name) => this.buttons.get(name)) : intervals.length ? this.cues : [];
     this.number = choices.length === 0 ? this.field(chosen) : null;
     box.replaceChildren(...this.buttons.values(), ...(this.number === null ? [] : [this.number]));
-    lamps.replaceChildren(...this.lamps);
-    lamps.hidden = this.lamps.length === 0;
+    cues.replaceChildren(...this.cues);
+    cues.hidden = this.cues.length === 0;
     new ResizeObserver(() => this.fit()).observe(box.parentElement);
   }
 
@@ -64,10 +64,10 @@ class Choices {
     if (yes) { input.value = ""; input.focus(); }
   }
 
-  light(interval) { this.intervals.forEach((lamp, index) => lamp.classList.toggle("lit", index === interval)); }
+  light(interval) { this.intervals.forEach((cue, index) => cue.classList.toggle("lit", index === interval)); }
 
   // Lights the visual cue while a trial plays whose intervals are not shown.
-  playing(on) { if (this.intervals.length === 0) for (const lamp of this.lamps) lamp.classList.toggle("lit", on); }
+  playing(on) { if (this.intervals.length === 0) for (const cue of this.cues) cue.classList.toggle("lit", on); }
 
   mark(response, name) { if (this.buttons.has(response)) this.buttons.get(response).classList.add(name); }
 
