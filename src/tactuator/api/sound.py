@@ -201,7 +201,7 @@ class EqualisedResult(Result):
         for channel in self.calibrated.channels:
             low, high = channel.usable.band_hz
             spread = f"{channel.last.error_db.min():+.2f} to {channel.last.error_db.max():+.2f}"
-            rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.followed.by, str(channel.rounds)))
+            rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.estimate.by, str(channel.rounds)))
         columns = ("channel", "usable (Hz)", "felt minus asked (dB)", "plant", "corrected")
         files = (f"written: {self.out / name}" for name in report.calibrated.FILES)
         return [ResultTable("", columns, tuple(rows)), *files]
