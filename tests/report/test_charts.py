@@ -133,7 +133,7 @@ def test_equality__felt_level__flat() -> None:
 
 def test_save__every_plate__svg_and_csv_in_a_folder_of_nothing_else(tmp_path: Path) -> None:
     save_design_figures(paper_controller(), tmp_path / "charts")
-    names = {f"{kind}-index" for kind in ("nichols", "bode", "sensitivity", "headroom", "equality")}
+    names = {f"{kind}-index" for kind in ("nichols", "bode", "sensitivity", "step", "headroom", "equality")}
     for ending in ("svg", "csv"):
         assert {path.stem for path in (tmp_path / "charts").glob(f"*.{ending}")} == names
     other = tmp_path / "other"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from scipy import signal
 
 from tactuator.api.designed import ControllerResult
 from tactuator.errors import BadInput, NoDesign
@@ -15,7 +16,7 @@ from tactuator.model.description import Converter, Recorded
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import discretise
 from tactuator.signals.exchange import from_control, to_control
-from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.loop import FeedbackLoop, TwoDegreeLoop, UnstableLoop, step_response
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import design as module
 from tactuator.synthesis import paper
@@ -266,3 +267,20 @@ def test_controller__margins_of_a_loop__are_python_control_s() -> None:
     mine = controller.margins("index", "finger")
     assert mine.phase_margin_deg == pytest.approx(phase, rel=1e-4)
     assert mine.crossover_hz == pytest.approx(crossover / (2.0 * np.pi), rel=1e-4)
+
+
+def test_step__paper_loop__a_loop_run_sample_by_sample_gives_it() -> None:
+    controller = ControllerResult.of(design_controller(three_fingers(), 4))
+    loop = controller.loop("index", "finger")
+    c, p = loop.controller.sections(), loop.plant.sections()
+    c_state, p_state = np.zeros((len(c), 2)), np.zeros((len(p), 2))
+    delayed = [0.0] * loop.plant.delay_samples
+    position = []
+    for _ in range(4000):
+        position.append(delayed[-1])
+        command, c_state = signal.sosfilt(c, [1.0 - position[-1]], zi=c_state)
+        moved, p_state = signal.sosfilt(p, command, zi=p_state)
+        delayed = [moved[0], *delayed[:-1]]
+    assert step_response(loop, 1.0) == pytest.approx(position, abs=1e-8)
+    with pytest.raises(UnstableLoop):
+        step_response(FeedbackLoop(loop.controller, loop.plant * loop.plant), 1.0)

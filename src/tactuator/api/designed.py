@@ -136,6 +136,11 @@ class ControllerResult(Result, Controller):
         """Return a matplotlib figure of magnitude and phase of a channel's P, C, C P and F."""
         return report.design_figures.drawn(self, channel, "bode")
 
+    def step(self, channel: str) -> Any:
+        """Return a matplotlib figure: the step of a channel's closed loop, by load. Raises BadInput without a loop."""
+        self.loop(channel)
+        return report.design_figures.drawn(self, channel, "step")
+
     def nichols(self, channel: str) -> Any:
         """Return a matplotlib figure: a channel's open loop on the Nichols chart. Raises BadInput without a loop."""
         self.loop(channel)

@@ -37,7 +37,8 @@ from tactuator.report.nichols import nichols_figure
 from tactuator.result import FREQUENCY, Chart, ChartLine
 from tactuator.signals.decibels import db
 from tactuator.signals.exchange import continuous_form
-from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop
+from tactuator.signals.loop import FeedbackLoop, System, TwoDegreeLoop, step_response
+from tactuator.signals.loop_figures import margins
 from tactuator.synthesis.design import Headroom, headroom, headroom_grid_hz
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.touch import fed_response
@@ -63,6 +64,9 @@ def bode_figure(systems: Mapping[str, System], band_hz: tuple[float, float]) -> 
     caption = f"Magnitude and phase of {', '.join(systems)}."
     return ReportFigure("bode", "Bode diagram", caption, panels(charts, 5.0), table)
 
+
+_STEP_PERIODS = 10.0
+"""Periods of the lowest crossover that a step is drawn for: a loop with a phase margin of 30 degrees has settled."""
 
 _LIMIT_COLOURS = {"comfort": GREEN, "command": RED, "travel": BLUE}
 
@@ -152,6 +156,22 @@ def sensitivity_figure(
     if len(loops) > len(by_load):
         caption += " Shaded: every model of the family."
     return ReportFigure("sensitivity", "Sensitivity", caption, panels([[chart]], 4.2), table)
+
+
+def step_figure(loops: Mapping[str, FeedbackLoop]) -> ReportFigure:
+    """Draw the closed loop's answer to a unit step of F's output, free and under each load, until it has settled."""
+    nominal = {load: loops[names[0]] for load, names in _by_load(list(loops)).items()}
+    duration_s = _STEP_PERIODS / min(margins(loop).crossover_hz for loop in nominal.values())
+    answers = {load_words(load): step_response(loop, duration_s) for load, loop in nominal.items()}
+    time_s = np.arange(len(next(iter(answers.values())))) / next(iter(nominal.values())).open_loop.rate_hz
+    curves = [
+        ChartLine(words, 1e3 * time_s, answer, LINE_STYLES[number % len(LINE_STYLES)])
+        for number, (words, answer) in enumerate(answers.items())
+    ]
+    chart = Chart("time (ms)", "position per unit of F's output", curves, targets=(1.0,))
+    table = {"time_s": time_s.tolist()} | {words: answer.tolist() for words, answer in answers.items()}
+    caption = "Unit step through the closed loop, without the prefilter."
+    return ReportFigure("step", "Step response", caption, panels([[chart]], 3.4), table)
 
 
 def _bars(requirements: FeedbackRequirements) -> Iterator[ChartLine]:
@@ -272,7 +292,7 @@ def design_figures(controller: Controller, channel_name: str) -> tuple[ReportFig
         nominal, *others = closed.values()
         figures.append(nichols_figure(nominal, channel.plant, family=others, band_hz=wide))
         systems = {"P": family[0].sampled, "C": feedback, "C P": nominal.open_loop, "F": prefilter}
-        figures += [bode_figure(systems, wide), sensitivity_figure(closed, channel.feedback, wide)]
+        figures += [bode_figure(systems, wide), sensitivity_figure(closed, channel.feedback, wide), step_figure(closed)]
     else:
         figures.append(bode_figure({"P": family[0].sampled, "F": prefilter}, wide))
     grid = headroom_grid_hz(channel)

@@ -11,13 +11,14 @@ eigenvalues.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactuator.arrays import ComplexArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
@@ -175,6 +176,28 @@ class FeedbackLoop:
         """Return P S: from a voltage added to the command (friction, a force) to the position."""
         (c, c_den), (p, p_den) = self.controller.fraction(frequency_hz), self.plant.fraction(frequency_hz)
         return np.asarray(p * c_den / (c * p + c_den * p_den))
+
+
+_LONGEST_STEP = 2**22
+"""Samples of the longest half of a square wave: 87 s at 48 kHz. A pole that is slower still leaves an offset."""
+
+
+def step_response(loop: FeedbackLoop, duration_s: float) -> FloatArray:
+    """Return the position after a unit step of F's output, one value a sample: T's steady answer to a square wave whose
+    halves outlast 20 time constants of the slowest pole.
+
+    Raises UnstableLoop, or BadInput for a continuous loop.
+    """
+    loop.require_stable()
+    opened = loop.open_loop
+    if not isinstance(opened, SampledSystem):
+        raise BadInput("a continuous loop has no samples", "a sampled one")
+    samples = round(duration_s * opened.rate_hz)
+    decay = 1.0 - float(np.abs(1.0 + closed_poles(opened)).max())
+    half = max(samples, min(_LONGEST_STEP, 2 ** math.ceil(math.log2(20.0 / decay))))
+    answer = loop.complementary(np.fft.rfftfreq(2 * half, 1.0 / opened.rate_hz))
+    position = np.fft.irfft(answer * np.fft.rfft(np.repeat([1.0, 0.0], half)), 2 * half)
+    return np.asarray(position[:samples] - position[-1])
 
 
 @dataclass(frozen=True)
