@@ -158,12 +158,12 @@ def sensitivity_figure(
     return ReportFigure("sensitivity", "Sensitivity", caption, panels([[chart]], 4.2), table)
 
 
-def step_figure(loops: Mapping[str, FeedbackLoop]) -> ReportFigure:
+def step_figure(loops: Mapping[str, FeedbackLoop], rate_hz: float) -> ReportFigure:
     """Draw the closed loop's answer to a unit step of F's output, free and under each load, until it has settled."""
     nominal = {load: loops[names[0]] for load, names in _by_load(list(loops)).items()}
     duration_s = _STEP_PERIODS / min(margins(loop).crossover_hz for loop in nominal.values())
     answers = {load_words(load): step_response(loop, duration_s) for load, loop in nominal.items()}
-    time_s = np.arange(len(next(iter(answers.values())))) / next(iter(nominal.values())).open_loop.rate_hz
+    time_s = np.arange(len(next(iter(answers.values())))) / rate_hz
     curves = [
         ChartLine(words, 1e3 * time_s, answer, LINE_STYLES[number % len(LINE_STYLES)])
         for number, (words, answer) in enumerate(answers.items())
@@ -292,7 +292,11 @@ def design_figures(controller: Controller, channel_name: str) -> tuple[ReportFig
         nominal, *others = closed.values()
         figures.append(nichols_figure(nominal, channel.plant, family=others, band_hz=wide))
         systems = {"P": family[0].sampled, "C": feedback, "C P": nominal.open_loop, "F": prefilter}
-        figures += [bode_figure(systems, wide), sensitivity_figure(closed, channel.feedback, wide), step_figure(closed)]
+        figures += [
+            bode_figure(systems, wide),
+            sensitivity_figure(closed, channel.feedback, wide),
+            step_figure(closed, display.rate_hz),
+        ]
     else:
         figures.append(bode_figure({"P": family[0].sampled, "F": prefilter}, wide))
     grid = headroom_grid_hz(channel)
