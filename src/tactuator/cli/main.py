@@ -14,7 +14,7 @@ import typer
 from typer.exceptions import TyperException
 
 from tactuator.cli.app import build_app
-from tactuator.cli.commands import COMMANDS, GROUPS, subcommands, top_commands
+from tactuator.cli.commands import GROUPS, subcommands, top_commands
 from tactuator.errors import BadInput, Interrupted, TactuatorError, unknown, visible
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
@@ -33,21 +33,22 @@ class _Ear:
 
 
 def needed(arguments: Sequence[str]) -> Container[str]:
-    """Return the commands that may be run with these arguments: the one that is named, all for a shell's completion.
+    """Return the commands that may be run with these arguments, or completed in a shell's line: the one that is named.
 
     Raises BadInput for a command that is not there, with the likely one.
     """
-    if "_TACTUATOR_COMPLETE" in os.environ:
-        return COMMANDS
+    completing = "_TACTUATOR_COMPLETE" in os.environ
+    if completing:
+        line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+        arguments = line.split()[1:]
     words = [argument for argument in arguments if not argument.startswith("-")]
-    if not words:
-        return ()
-    known = top_commands()
-    if words[0] not in known:
-        raise unknown("command", words[0], known)
-    if len(arguments) == 1 and words[0] in GROUPS:
-        raise BadInput(f"{words[0]}: no subcommand is named", ", ".join(subcommands(words[0])))
-    return (words[0], " ".join(words[:2]))
+    if words and not completing:
+        known = top_commands()
+        if words[0] not in known:
+            raise unknown("command", words[0], known)
+        if len(arguments) == 1 and words[0] in GROUPS:
+            raise BadInput(f"{words[0]}: no subcommand is named", ", ".join(subcommands(words[0])))
+    return (*words[:1], " ".join(words[:2]))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
