@@ -402,8 +402,8 @@ class StoreThresholds(Result):
         levels = [threshold.refit_db_sl for threshold in thresholds]
         flagged = sum(bool(threshold.flags) for threshold in thresholds)
         return [
-            found("runs", len(levels)),
-            found("subjects", len({threshold.subject for threshold in thresholds})),
+            found("runs", len({threshold.run for threshold in thresholds})),
+            found("subjects", len(self.results.people)),
             found("thresholds", f"{min(levels):.1f} to {max(levels):.1f} dB SL"),
             *([found("doubtful (flagged)", flagged)] if flagged else []),
             *([found("runs without a threshold", without)] if (without := len(self.results.not_refitted)) else []),
@@ -474,6 +474,9 @@ class StoreThresholds(Result):
                 rows.append((f"{hertz:.4g}", *(cell for cells in cells_of for cell in cells)))
         left_out = dict.fromkeys(f"{each.subject}, run {each.run}" for each in group.left_out)
         notes = [f"left out: {'; '.join(left_out)}"] if left_out else []
+        unknown = zip(group.unknown, group.curve.frequency_hz, strict=True)
+        where = [f"{count} at {hertz:.4g} Hz" for count, hertz in unknown if count]
+        notes += [f"not counted, known from neither side: {', '.join(where)}"] if where else []
         if beside is not None:
             notes.append("a flag alone leaves nobody out: decide, and say --leave-out CODE or --leave-out flagged")
         return ResultTable(

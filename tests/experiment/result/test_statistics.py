@@ -1,5 +1,6 @@
 """Means of groups of which some lie beyond what was played; information transfer against closed forms."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -45,10 +46,21 @@ def test_group_level__nobody_censored_or_one_measured__is_the_mean_or_a_bound() 
         open_ = group_level(np.array(levels), np.zeros(3), sides)
         assert (open_.bound, open_.low_db, open_.high_db) == ("between", 8.0, 30.0)
         assert math.isnan(open_.level_db)
-    two, one = np.array([8.0, 12.0, 16.0]), ["", "", "between"]
-    assert group_level(two, np.zeros(3), one).level_db == pytest.approx(
-        10.0, abs=1e-3
-    )  # who tells nothing adds nothing
+
+
+@pytest.mark.parametrize(("levels", "bounds"), [([8.0, 12.0], ["", ""]), ([8.0, 12.0, 20.0], ["", "", ">="])])
+def test_group_level__person_beyond_on_both_sides__is_not_counted_and_is_told(levels: list, bounds: list) -> None:
+    sd = np.where(np.array(bounds) == "", 3.0, 0.0)
+    without = group_level(np.array(levels), sd, bounds)
+    found = group_level(np.array([16.0, *levels]), np.array([0.0, *sd]), ["between", *bounds])
+    assert found == dataclasses.replace(without, unknown=1)
+
+
+def test_group_level__some_censored__error_is_not_below_what_the_measured_are_known_to() -> None:
+    """Those beyond were counted as known exactly: six beside two measured to 9 dB took the floor from 6.4 to 1.6 dB."""
+    level, bounds = np.array([29.0, 31.0, *[20.0] * 6]), ["", "", *[">="] * 6]
+    found = group_level(level, np.array([9.0, 9.0, *[0.0] * 6]), bounds)
+    assert found.standard_error_db >= 9.0 / math.sqrt(2.0) - 1e-9
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6])

@@ -10,7 +10,7 @@ factor s undoes the fall of s in small groups, as a division by n - 1 does where
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -29,6 +29,7 @@ class GroupLevel:
     """Mean level of a group, dB. bound: ">=" or "<=" where so many are censored that the mean is known from one side
     alone: it has no standard error then (NaN). BETWEEN: people lie beyond on both sides, and there is no level (NaN).
     people, censored: their numbers, the censored among them. low_db, high_db: the levels beyond which they lie.
+    unknown: number of people beyond on both sides, from whom a mean with a level learns nothing: they are not counted.
     """
 
     level_db: float
@@ -38,20 +39,23 @@ class GroupLevel:
     censored: int
     low_db: float = float("nan")
     high_db: float = float("nan")
+    unknown: int = 0
 
 
 def group_level(level_db: FloatArray, sd_db: FloatArray, bound: Sequence[str]) -> GroupLevel:
     """Return the mean of people's levels (people,), each with the standard deviation of its measurement, by their
     bounds: "", or ">=" and "<=" of those who lie beyond their level, BETWEEN of those of whom both is known. The
-    standard error is that between people, and
-    not below what the single levels are known to.
+    standard error is that between people, and not below what the measured levels are known to.
 
     With fewer than two people measured and some censored, the mean of all is a bound, or not known from either side.
     """
-    nothing_known = np.array([each == BETWEEN for each in bound])
+    unknown = np.array([each == BETWEEN for each in bound])
     side = np.array([{"": 0.0, ">=": 1.0, "<=": -1.0, BETWEEN: np.nan}[each] for each in bound])
     censored, people = int(np.count_nonzero(side)), side.size
-    known = float(np.sqrt(np.sum(sd_db**2)) / people)
+    if unknown.any() and people - censored >= 2:
+        others = [each for each in bound if each != BETWEEN]
+        return replace(group_level(level_db[~unknown], sd_db[~unknown], others), unknown=int(unknown.sum()))
+    known = float(np.sqrt(np.sum(sd_db[side == 0.0] ** 2)) / max(people - censored, 1))
     if censored and people - censored < 2:
         sides = {each for each in bound if each}
         if len(sides) > 1 or BETWEEN in sides:
@@ -59,7 +63,7 @@ def group_level(level_db: FloatArray, sd_db: FloatArray, bound: Sequence[str]) -
             return GroupLevel(nan, nan, BETWEEN, people, censored, float(level_db.min()), float(level_db.max()))
         return GroupLevel(float(level_db.mean()), float("nan"), sides.pop(), people, censored)
     if censored:
-        mean, error = _censored_normal(level_db[~nothing_known], side[~nothing_known])
+        mean, error = _censored_normal(level_db, side)
     else:
         spread = float(np.std(level_db, ddof=1)) if people > 1 else float("nan")
         mean, error = float(level_db.mean()), spread / np.sqrt(people)

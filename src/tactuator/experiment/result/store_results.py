@@ -120,6 +120,8 @@ CIRCUMSTANCES = (
     "masking_level_db_spl",
 )
 """Columns of a session that a curve's file has."""
+COUNTED = ("subjects", "censored", "bound", "unknown")
+"""What a curve's file and a document say of each point of a GroupCurve."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +130,8 @@ class GroupCurve:
 
     subjects, censored: number of people at each point, and of those among them whose threshold lies beyond what was
     played (0: extended to the band's edge, not measured). bound: of each point, ">=" or "<=" where it is known from
-    one side alone. left_out: thresholds that were not taken in. Frequencies at which the mean is not known from either
-    side have no point.
+    one side alone. left_out: thresholds that were not taken in. unknown: number of people at each point who lie beyond
+    on both sides and are not counted. Frequencies at which the mean is not known from either side have no point.
     """
 
     curve: ThresholdCurve
@@ -137,6 +139,7 @@ class GroupCurve:
     censored: tuple[int, ...]
     bound: tuple[str, ...]
     left_out: tuple[MeasuredThreshold, ...] = ()
+    unknown: tuple[int, ...] = ()
 
 
 def group_curve(
@@ -163,9 +166,10 @@ def group_curve(
         without = f", {len(left_out)} thresholds left out" if left_out else ""
         without += f", {len(open_hz)} known from neither side" if open_hz else ""
         raise BadInput(f"a curve of {frequency_hz.size} measured frequencies{without}", "three or more")
+    kept = [each for each in kept if levels[each.frequency_hz].bound != BETWEEN]
     level = np.array([row.level_db for row in rows])
     error = np.array([0.0 if row.bound else row.standard_error_db for row in rows])
-    counts = [(row.people, row.censored, row.bound) for row in rows]
+    counts = [(row.people, row.censored, row.bound, row.unknown) for row in rows]
     for edge, end in ((band_hz[0], 0), (band_hz[1], -1)):
         if (edge < frequency_hz[0]) if end == 0 else (edge > frequency_hz[-1]):
             distance = level[end] - float(reference.level_db_re_1um_at(frequency_hz[end]))
@@ -173,13 +177,13 @@ def group_curve(
             level = np.insert(level, place, float(reference.level_db_re_1um_at(edge)) + distance)
             error = np.insert(error, place, error[end])
             frequency_hz = np.insert(frequency_hz, place, edge)
-            counts.insert(place, (0, 0, counts[end][2]))
+            counts.insert(place, (0, 0, counts[end][2], 0))
     simulated = any(threshold.simulated for threshold in kept)
-    subjects, censored, bound = zip(*counts, strict=True)
-    unknown = f"; not known from either side at {', '.join(f'{hertz:g}' for hertz in open_hz)} Hz" if open_hz else ""
-    curve = _curve(frequency_hz, level, error, kept, reference, simulated, unknown)
+    subjects, censored, bound, unknown = zip(*counts, strict=True)
+    without = f"; not known from either side at {', '.join(f'{hertz:g}' for hertz in open_hz)} Hz" if open_hz else ""
+    curve = _curve(frequency_hz, level, error, kept, reference, simulated, without)
     curve = replace(curve, bound=bound if any(bound) else None)
-    return GroupCurve(curve, subjects, censored, bound, tuple(left_out))
+    return GroupCurve(curve, subjects, censored, bound, tuple(left_out), unknown)
 
 
 FLAGGED = "flagged"
@@ -253,7 +257,7 @@ def circumstances(group: GroupCurve, runs: Sequence[StoredRun]) -> dict[str, Seq
     shared["finger"] = _joined([run.run.finger for run in runs])
     shared["controller_sha256"] = _joined([run.run.controller_sha256 for run in runs])
     points = len(group.subjects)
-    counted = {"subjects": group.subjects, "censored": group.censored, "bound": group.bound}
+    counted = {name: getattr(group, name) for name in COUNTED}
     return {**counted, **{name: [value] * points for name, value in shared.items()}}
 
 
@@ -329,7 +333,10 @@ class StoreResults:
     @property
     def circumstances(self) -> dict[str, Sequence[object]]:
         """Return the columns of the curve's file that say how it was measured; empty without a curve."""
-        return {} if self.group is None else circumstances(self.group, self.runs)
+        if self.group is None:
+            return {}
+        taken = {each.run for each in self.thresholds} - {each.run for each in self.group.left_out}
+        return circumstances(self.group, [run for run in self.runs if run.run.id in taken])
 
     def document(self) -> dict[str, Any]:
         """Return the results as JSON has them: thresholds, points of the curve (or None), left_out."""
@@ -355,8 +362,8 @@ def _points(group: GroupCurve) -> list[dict[str, float | int | str]]:
     curve = group.curve
     errors = np.zeros(0) if curve.standard_error_db is None else curve.standard_error_db
     columns = (curve.frequency_hz.tolist(), curve.level_db_re_1um.tolist(), errors.tolist())
-    names = ("frequency_hz", "level_db_re_1um", "standard_error_db", "subjects", "censored", "bound")
-    counted = (group.subjects, group.censored, group.bound)
+    names = ("frequency_hz", "level_db_re_1um", "standard_error_db", *COUNTED)
+    counted = [getattr(group, name) for name in COUNTED]
     return [dict(zip(names, cells, strict=True)) for cells in zip(*columns, *counted, strict=True)]
 
 
