@@ -38,7 +38,7 @@ from tactuator.io.response import check_response_path, write_responses
 from tactuator.measure.adaptive import Learnt, settle_weights
 from tactuator.measure.crosstalk import Crosstalk, felt_elsewhere
 from tactuator.measure.disturbance import DisturbanceReport, disturbance
-from tactuator.measure.error import ResponseLevels, as_read, response_verdict, with_tones
+from tactuator.measure.error import ResponseLevels, as_read, level_within_limits, response_verdict, with_tones
 from tactuator.measure.finger import CANNOT_TELL, CHAIN, NEITHER, ONE, FingerEstimate, measure_finger
 from tactuator.measure.noise import FeltNoise, felt_noise, noise_verdict, proportional_controller, unstable_channels
 from tactuator.measure.options import (
@@ -52,7 +52,7 @@ from tactuator.measure.options import (
     REJECTION_HZ,
     MeasurementOptions,
 )
-from tactuator.measure.response import check_frequencies, multisine_response, stepped_sine
+from tactuator.measure.response import check_frequencies, multisine_played, multisine_response, stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
 from tactuator.perception.curve import AMPLITUDE_JND_DB
@@ -358,6 +358,7 @@ def _learnt_line(learnt: Learnt) -> str:
 
 
 Frequencies = Annotated[Numbers, Option("Frequencies, with commas (default: 30 over the band).", type=str | None)]
+_USUAL_LEVEL = "Level, dB SL (-60..55; default: 30, or what stays within the limits by the model)."
 LevelOption = Annotated[float, Option("Level, dB SL (-60..55).", _LEVEL)]
 Confidence = Annotated[float, Option("95 % half-width to reach.")]
 Longest = Annotated[float, Option("Seconds per point at most.")]
@@ -367,7 +368,7 @@ def measure_response(
     rig: RigOption,
     controller: ControllerOption = None,
     frequency_hz: Frequencies = None,
-    level_db_sl: LevelOption = MeasurementOptions.level_db_sl,
+    level_db_sl: Annotated[float | None, Option(_USUAL_LEVEL, _LEVEL)] = None,
     load: Load = "none",
     mains_hz: MainsHz = None,
     *,
@@ -396,14 +397,18 @@ def measure_response(
     if out is not None:
         check_response_path(Path(out))
     loop = chosen_controller(display, controller)
-    asked = MeasurementOptions(level_db_sl, channel, load, confidence_db, longest_s, coverage)
+    usual = MeasurementOptions.level_db_sl if level_db_sl is None else level_db_sl
+    asked = MeasurementOptions(usual, channel, load, confidence_db, longest_s, coverage)
+    exactly = frequency_hz is not None
     with _prepared(rig, loop, asked, mains_hz, frequency_hz, channel, seed) as (ready, options, wanted, learnt):
+        if level_db_sl is None:
+            options = _within_limits(ready, loop, options, wanted, method, exactly, seed)
         if method == "stepped":
             with working("response", wanted.size) as step:
                 played = stepped_sine(ready, wanted, options, progress=step)
         else:
             with working("multisine"):
-                exactly, rng = frequency_hz is not None, np.random.default_rng(seed)
+                rng = np.random.default_rng(seed)
                 played = multisine_response(ready, wanted, options, rng, exactly=exactly)
         responses = tuple(as_read(each, loop, confidence_db) for each in played)
         if options.load == "none":
@@ -415,6 +420,19 @@ def measure_response(
     if figures is not None:
         report.device_figures.save_measured(responses, loop, Path(figures))
     return measured
+
+
+def _within_limits(
+    rig: Rig, loop: Controller, options: MeasurementOptions, wanted: FloatArray, method: str, exactly: bool, seed: int
+) -> MeasurementOptions:
+    """Return options with the level lowered as far as the display's limits ask by the model; say so where it is."""
+    names, played = options.channels or rig.channels, None
+    if method == "multisine":
+        played = multisine_played(rig, wanted, options, np.random.default_rng(seed), exactly=exactly)
+    level = level_within_limits(loop, names, wanted, options.level_db_sl, played)
+    if level < options.level_db_sl:
+        say(f"level {level:g} dB SL: {options.level_db_sl:g} would pass the comfort limit, the range or the travel")
+    return replace(options, level_db_sl=level)
 
 
 def measure_crosstalk(

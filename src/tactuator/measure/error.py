@@ -23,6 +23,7 @@ from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
+from tactuator.signals.multisine import Multisine
 from tactuator.signals.record import Response
 from tactuator.synthesis.design import headroom
 from tactuator.synthesis.felt import friction_loss_db, gain_beside_hum
@@ -69,6 +70,36 @@ def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
     infinite.
     """
     return np.maximum(np.asarray(frequency_hz, dtype=np.float64), 1e-6)
+
+
+_FILLED = 0.9
+"""Share of a limit that a level chosen here takes: what the model leaves out has the rest."""
+
+
+def level_within_limits(
+    controller: Controller, names: Sequence[str], frequency_hz: FloatArray, level_db_sl: float, played: Multisine | None
+) -> float:
+    """Return level_db_sl, or what of it stays within comfort, command and travel by the controller's model, in tenths
+    of a dB. Tones at frequency_hz (n,) are played one by one, or `played` is, all of whose lines have level_db_sl.
+    """
+    hertz, most = frequency_hz if played is None else played.frequency_hz, 0.0
+    for name in names:
+        prediction = ChannelPrediction.of(controller, name)
+        channel, ones = prediction.channel, np.ones(hertz.size)
+        shares = (
+            ones / from_db(controller.display.objectives.comfort_db_sl),
+            prediction.command(hertz) / controller.channel(name).limits.command_v,
+            prediction.displacement(hertz) / channel.travel_mm,
+        )
+        for share in shares:
+            if played is None:
+                peak = from_db(level_db_sl) * np.max(np.abs(share))
+            else:
+                amplitude, phase = played.amplitude * np.abs(share), played.phase_rad + np.angle(share)
+                peak = np.max(np.abs(replace(played, amplitude=amplitude, phase_rad=phase).one_period()))
+            most = max(most, float(peak))
+    beyond_db = float(db(most / _FILLED))
+    return level_db_sl if beyond_db <= 0.0 else float(np.floor(10.0 * (level_db_sl - beyond_db))) / 10.0
 
 
 _REMEDY = "where `check` calls i met, a new model (identify) and a design for it; else more poles in [prefilter]"

@@ -73,16 +73,23 @@ def multisine_response(
     Raises BadInput as `stepped_sine` does, and for a level at which all lines together pass a reference's full scale.
     """
     columns = check_asked(rig, frequency_hz, options)
-    frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
-    band_hz = options.band_hz or (0.0, 0.45 * rig.rate_hz)
-    period, bins = multisine_lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz, exactly)
-    excited = multisine(rig.rate_hz, period, bins, float(from_db(options.level_db_sl)), rng)
+    excited = multisine_played(rig, frequency_hz, options, rng, exactly=exactly)
     beyond_db = float(db(np.max(np.abs(excited.one_period())) / REFERENCE_MAX))
     if beyond_db > 0.0:
         level, most = options.level_db_sl, np.floor(10.0 * (options.level_db_sl - beyond_db)) / 10.0
-        asked = f"level (--level) of {level:g} dB SL for {bins.size} frequencies at once"
+        asked = f"level (--level) of {level:g} dB SL for {excited.bins.size} frequencies at once"
         raise BadInput(asked, f"up to {most:g} dB SL for so many, or --method stepped")
     return _together(rig, excited, columns, options, settle_s)
+
+
+def multisine_played(
+    rig: Rig, frequency_hz: ArrayLike, options: MeasurementOptions, rng: np.random.Generator, *, exactly: bool = True
+) -> Multisine:
+    """Return what `multisine_response` plays. Raises BadInput where no period holds the lines."""
+    frequency = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
+    band_hz = options.band_hz or (0.0, 0.45 * rig.rate_hz)
+    period, bins = multisine_lines(frequency, rig.rate_hz, options.longest_s, options.mains_hz, band_hz, exactly)
+    return multisine(rig.rate_hz, period, bins, float(from_db(options.level_db_sl)), rng)
 
 
 _SWEPT_S, _SWEPT_DB_SL, _CREST_DB = 4.0, 40.0, 9.0

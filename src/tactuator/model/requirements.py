@@ -42,7 +42,7 @@ class SoundCard:
     wires: tuple[Wires, ...]
     device: Annotated[
         str,
-        Field(description="card from `tactuator sound devices`, for `--rig sound:` without a name"),
+        Field(description="card whose volts these are, from `tactuator sound devices`; `--rig sound:` takes no other"),
     ] = ""
     input_device: Annotated[str, Field(description="card of the inputs, if different")] = ""
     latency_samples: Annotated[

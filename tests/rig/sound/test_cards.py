@@ -5,6 +5,9 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -13,7 +16,9 @@ from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound import cards as audio_thread
 from tactuator.rig.sound import cards as library
-from tactuator.rig.sound.cards import AudioThread, Card, find_card, sound_name
+from tactuator.rig.sound.cards import AudioThread, Card, find_card, lasting_name, sound_name
+from tactuator.rig.sound import rig as rigs
+from tactuator.rig.sound.rig import SoundRig
 from tests.rig.sound.turned_card import sound_display
 from tests.three_fingers import three_finger_display
 
@@ -76,6 +81,45 @@ def test_open_rig__another_rate_a_loop_or_no_wiring__is_refused():
     ):
         with pytest.raises(BadInput, match=words):
             open_rig(name, display)
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SoundRig]:
+    """Opens sound cards of a list, not of this machine."""
+
+    def open_on(spec: str, cards: Sequence[Card] = CARDS, **sound: Any) -> SoundRig:
+        monkeypatch.setattr(rigs, "list_cards", lambda: cards)
+        monkeypatch.setattr(rigs, "CardPort", lambda *given: SimpleNamespace(close=lambda alive: None))
+        return rigs.sound_rig(spec, sound_display(**sound))
+
+    return open_on
+
+
+def test_sound_rig__card_of_any_spelling__its_display_names_the_card(opened):
+    assert opened("JACK/Fire").display.sound.device == "JACK/Fireface"
+    both = opened("pulse", input_device="ALSA/Fire").display.sound
+    assert (both.device, both.input_device) == ("ALSA/pulse", "ALSA/Fireface")
+    assert opened("", device="pulse").display.sound.device == "ALSA/pulse"
+
+
+@pytest.mark.parametrize("spec", ["JACK/Fireface", "pulse", "ALSA/pulse@8000"])
+def test_sound_rig__another_card_than_the_display_names__is_refused(opened, spec: str):
+    calibrated = opened("ALSA/Fireface").display.sound.device
+    assert opened("ALSA/Fire", device=calibrated).display.sound.device == calibrated
+    with pytest.raises(BadInput, match=r"expected 'ALSA/Fireface', the device in \[sound\]") as refused:
+        opened(spec, device=calibrated)
+    assert f"sound card {find_card(spec.partition('@')[0], CARDS).full_name!r}" in str(refused.value)
+    with pytest.raises(BadInput, match="there is no sound card 'ALSA/Fireface'"):
+        opened("", CARDS[1:], device=calibrated)
+
+
+def test_lasting_name__alsa_counts_its_cards_anew__found_again(opened):
+    first = (Card(0, "Onboard: ALC (hw:0,0)", "ALSA", 2, 2, 48e3), Card(1, "DAC: USB Audio (hw:1,0)", "ALSA", 2, 0, 48e3))
+    later = (Card(0, "DAC: USB Audio (hw:0,0)", "ALSA", 2, 0, 48e3), Card(1, "Onboard: ALC (hw:1,0)", "ALSA", 2, 2, 48e3))
+    name = lasting_name(first[1], first)
+    assert (name, find_card(name, later)) == ("ALSA/DAC: USB Audio", later[0])
+    twins = (*first, Card(2, "DAC: USB Audio (hw:2,0)", "ALSA", 2, 0, 48e3))
+    assert lasting_name(twins[1], twins) == "ALSA/DAC: USB Audio (hw:1,0)"
 
 
 def test_answer__several_jobs__from_one_thread_which_goes_on_after_one_that_fails():

@@ -14,6 +14,7 @@ import atexit
 import ctypes
 import os
 import queue
+import re
 import sys
 import threading
 import time
@@ -234,6 +235,15 @@ def find_card(name: str, cards: Sequence[Card]) -> Card:
         if matches:
             raise BadInput(f"sound card {name!r} may be {_listed(matches)}", "one of these names in full")
     raise BadInput(f"there is no sound card {name!r}", f"{_listed(cards)}")
+
+
+def lasting_name(card: Card, cards: Sequence[Card]) -> str:
+    """Return the name by which `card` is found again: without ALSA's "(hw:1,0)", which counts cards anew at each start,
+    unless two cards are alike without it.
+    """
+    name = re.sub(r"[:\s-]*\(hw:\d+,\d+\)$", "", card.full_name)
+    alike = [other for other in cards if name.lower() in other.full_name.lower()]
+    return name if alike == [card] else card.full_name
 
 
 def _listed(cards: Sequence[Card]) -> str:

@@ -20,7 +20,7 @@ from tactuator.model.plant import DERIVATIVES
 from tactuator.model.requirements import SoundCard
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import COMFORT_TOLERANCE, Rig, Trace, join_traces, take_rows
-from tactuator.rig.sound.cards import find_card, list_cards, sound_name
+from tactuator.rig.sound.cards import find_card, lasting_name, list_cards, sound_name
 from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
 from tactuator.signals.decibels import db, from_db
@@ -49,10 +49,12 @@ _Piece = tuple[FloatArray, FloatArray, Flags]
 
 
 def sound_rig(spec: str, display: Display, seed: int = 0) -> SoundRig:
-    """Return the rig of `display` on the card DEVICE[@RATE]; without a device, on the one that [sound] names.
+    """Return the rig of `display` on the card DEVICE[@RATE]; without a device, on the one that [sound] names. The rig's
+    display names its card.
 
-    Raises BadInput for a card that is not there or has too few channels, for a rate that is not the display's, and
-    where a loop is asked for; DeviceFault where the card cannot be opened.
+    Raises BadInput for a card that is not there or has too few channels, for another than [sound] names, whose volts at
+    full scale are not known, for a rate that is not the display's, and where a loop is asked for; DeviceFault where the
+    card cannot be opened.
     """
     del seed  # nothing is drawn
     card = sound_wiring(display)
@@ -68,12 +70,21 @@ def sound_rig(spec: str, display: Display, seed: int = 0) -> SoundRig:
             )
     cards = list_cards()
     out = find_card(name or card.device, cards)
+    if card.device and out != (calibrated := find_card(card.device, cards)):
+        raise BadInput(
+            f"sound card {out.full_name!r}",
+            f"{calibrated.full_name!r}, the device in [sound], to which the volts at full scale belong; calibrate "
+            "another one first (docs/sound.md)",
+        )
     outputs = max(wires.output for wires in card.wires)
     inputs = max(wires.input for wires in card.wires)
     taken_from = find_card(card.input_device, cards) if card.input_device else out
     rows = CardRows(outputs, inputs, round(RING_S * display.rate_hz), display.rate_hz)
     port = CardPort(out, taken_from if inputs else None, outputs, inputs, display.rate_hz, rows)
-    return SoundRig(display, rows, port)
+    named = replace(card, device=lasting_name(out, cards))
+    if card.input_device:
+        named = replace(named, input_device=lasting_name(taken_from, cards))
+    return SoundRig(replace(display, sound=named), rows, port)
 
 
 def sound_wiring(display: Display) -> SoundCard:
