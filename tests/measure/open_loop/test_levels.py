@@ -25,9 +25,8 @@ def shares_over_time(made: Controller, wave: np.ndarray) -> list[float]:
         moved = signal.sosfilt(sections, moved)
     comfort = 10.0 ** (made.display.objectives.comfort_db_sl / 20.0)
     limits = (comfort, made.channels[0].limits.command_v, channel.travel_mm)
-    return [
-        float(np.max(np.abs(each[-wave.size :]))) / limit for each, limit in zip((wave, volts, moved), limits)
-    ]  # fmt: skip
+    peaks = [float(np.max(np.abs(each[-wave.size :]))) for each in (wave, volts, moved)]
+    return [peak / limit for peak, limit in zip(peaks, limits, strict=True)]
 
 
 @pytest.mark.parametrize("seed", range(4))

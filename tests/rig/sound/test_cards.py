@@ -16,8 +16,8 @@ from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.sound import cards as audio_thread
 from tactuator.rig.sound import cards as library
-from tactuator.rig.sound.cards import AudioThread, Card, find_card, lasting_name, sound_name
 from tactuator.rig.sound import rig as rigs
+from tactuator.rig.sound.cards import AudioThread, Card, find_card, lasting_name, sound_name
 from tactuator.rig.sound.rig import SoundRig
 from tests.rig.sound.turned_card import sound_display
 from tests.three_fingers import three_finger_display
@@ -114,8 +114,14 @@ def test_sound_rig__another_card_than_the_display_names__is_refused(opened, spec
 
 
 def test_lasting_name__alsa_counts_its_cards_anew__found_again(opened):
-    first = (Card(0, "Onboard: ALC (hw:0,0)", "ALSA", 2, 2, 48e3), Card(1, "DAC: USB Audio (hw:1,0)", "ALSA", 2, 0, 48e3))
-    later = (Card(0, "DAC: USB Audio (hw:0,0)", "ALSA", 2, 0, 48e3), Card(1, "Onboard: ALC (hw:1,0)", "ALSA", 2, 2, 48e3))
+    first = (
+        Card(0, "Onboard: ALC (hw:0,0)", "ALSA", 2, 2, 48e3),
+        Card(1, "DAC: USB Audio (hw:1,0)", "ALSA", 2, 0, 48e3),
+    )
+    later = (
+        Card(0, "DAC: USB Audio (hw:0,0)", "ALSA", 2, 0, 48e3),
+        Card(1, "Onboard: ALC (hw:1,0)", "ALSA", 2, 2, 48e3),
+    )
     name = lasting_name(first[1], first)
     assert (name, find_card(name, later)) == ("ALSA/DAC: USB Audio", later[0])
     twins = (*first, Card(2, "DAC: USB Audio (hw:2,0)", "ALSA", 2, 0, 48e3))
