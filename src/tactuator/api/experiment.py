@@ -39,6 +39,7 @@ from tactuator.experiment.simulated.subjects import run_study, simulated_observe
 from tactuator.experiment.store import records
 from tactuator.experiment.store.erasure import erase as erase_subject
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
+from tactuator.experiment.store.voids import Part, set_void
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_relative_curve, write_curve
 from tactuator.parameters import from_table
@@ -63,6 +64,7 @@ StudyName = Annotated[str | None, Option("Name of the study; default: the store'
 Code = Annotated[str, Argument("Code of the subject: letters and digits.", metavar="CODE")]
 ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]
 OperatorName = Annotated[str | None, Option("Your name, for the log; default: your login name.")]
+Voided = Annotated[bool, Option("Include what is void.")]
 SkinTemperatureC = Annotated[float | None, Option("Skin temperature of the day, °C.")]
 
 
@@ -207,6 +209,66 @@ def correct(
     with _opened_study(store, study, operator) as opened:
         changes = opened.correct(code, correction, reason)
     return CorrectedResult(opened.protocol.study.name, code, tuple(map(asdict, changes)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RenamedResult(Result):
+    """A subject with another code; warnings: what other programs make of it."""
+
+    study: str
+    before: str
+    subject: str
+    warnings: tuple[str, ...] = ()
+
+    def notices(self) -> Sequence[str]:
+        return [f"warning: {warning}" for warning in self.warnings]
+
+
+def rename(
+    code: Code,
+    new: Annotated[str, Argument("The new code.", metavar="NEW")],
+    store: StoreFile,
+    reason: Annotated[str, Option("Why; logged with the old code.")],
+    study: StudyName = None,
+    operator: OperatorName = None,
+) -> RenamedResult:
+    """Give a subject another code. Links stay as they are; nobody else can get the old code."""
+    with _opened_study(store, study, operator) as opened:
+        opened.rename(code, new, reason)
+        others = [row.code for row in records.subjects(opened.connection, opened.id)]
+    said = tuple(doubts(new, others, shipped_words("en")))
+    return RenamedResult(opened.protocol.study.name, code, new, said)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VoidResult(Result):
+    """What is void now, or valid again: a visit of a subject, a run of it, or a trial of the run."""
+
+    study: str
+    subject: str
+    visit: int
+    run: int | None
+    trial: int | None
+    void: bool
+
+
+def void(
+    code: Code,
+    store: StoreFile,
+    reason: Annotated[str, Option("Why; logged, and exported with --voided.")],
+    visit: Annotated[int | None, Option("Which visit; default: the only one, or the run's.")] = None,
+    run: Annotated[int | None, Option("Only this run, by its number in exports.")] = None,
+    trial: Annotated[int | None, Option("Only this trial of the run, by its number in exports.")] = None,
+    restore: Annotated[bool, Option("Take it in again.")] = False,
+    study: StudyName = None,
+    operator: OperatorName = None,
+) -> VoidResult:
+    """Leave a visit, a run or a trial out of all results and exports. It stays in the store; --voided includes it."""
+    with _opened_study(store, study, operator) as opened:
+        about = (code, Part(visit, run, trial), not restore, reason, opened.now, opened.who)
+        part = set_void(opened.connection, opened.id, *about)
+    assert part.visit is not None
+    return VoidResult(opened.protocol.study.name, code, part.visit, run, trial, not restore)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -510,6 +572,7 @@ def thresholds(
     leave_out: Annotated[
         list[str] | None, Option("Subject to leave out of the curve, or flagged: all doubtful thresholds; repeatable.")
     ] = None,
+    voided: Voided = False,
 ) -> StoreThresholds:
     """Refit thresholds of every finished run. Gives flags, and the curve across subjects.
 
@@ -520,7 +583,7 @@ def thresholds(
     '1'
     """
     with working("refitting the runs"):
-        results = store_results(store, group, reference, leave_out or [])
+        results = store_results(store, group, reference, leave_out or [], voided)
     refused = None if curve_out is None else results.no_curve
     if results.group is not None and curve_out is not None:
         try:
@@ -550,9 +613,10 @@ def export(
     store: StoreFile,
     out: Annotated[Place, Option("File or folder to write.", writes=True)],
     form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
+    voided: Voided = False,
 ) -> ExportedResult:
     """Write every answered trial in an open format. The folder also has a data dictionary."""
-    with working("exporting"), closing(Store(store, must_exist=True)) as database:
+    with working("exporting"), closing(Store(store, must_exist=True, voided=voided)) as database:
         return ExportedResult(Path(out), form, exported(database, Path(out), form))
 
 

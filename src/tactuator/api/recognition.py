@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tactuator.api.experiment import StoreFile
+from tactuator.api.experiment import StoreFile, Voided
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed, opened_apparatus
 from tactuator.api.progress import working
@@ -177,6 +177,7 @@ def information(
     seconds: Annotated[float | None, Option("With --matrix: seconds a stimulus, for bits per second.")] = None,
     draws: Annotated[int, Option("Of the posterior, for the interval.", ge=100)] = 1000,
     seed: Seed = 0,
+    voided: Voided = False,
 ) -> MatrixInformation | StoreInformation:
     """Estimate information transfer in five ways. One has an interval. From a store's studies, or any matrix."""
     if (store is None) == (matrix is None):
@@ -189,7 +190,7 @@ def information(
     if seconds is not None:
         raise BadInput("--seconds with --store", "--matrix, since a store knows its stimuli's durations")
     assert store is not None
-    with closing(Store(store, must_exist=True)) as database:
+    with closing(Store(store, must_exist=True, voided=voided)) as database:
         subjects, abx = recognition_results(database, rng, study, draws)
     return StoreInformation(tuple(subjects), tuple(abx))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from tactuator import report
+from tactuator.api.experiment import Voided
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import Figures, Place
 from tactuator.api.progress import working
@@ -110,6 +111,7 @@ def contours(
     ] = None,
     out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes=True)] = None,
     figures: Figures = None,
+    voided: Voided = False,
 ) -> StoreContours:
     """Estimate equal-strength contours from matches. Gives the intensity function, biases and JND, too.
 
@@ -118,7 +120,7 @@ def contours(
     """
     basis = None if curve is None else resolve_curve(curve)
     with working("fitting the matches"):
-        results = contour_results(Path(store), group, basis)
+        results = contour_results(Path(store), group, basis, voided)
     result = StoreContours(results)
     if out is not None:
         people = {person.subject: person.contours for person in results.people}
@@ -166,13 +168,14 @@ def judged(
     task: Annotated[str | None, Option("Kind of the task; default: the store's only one.")] = None,
     group: Annotated[str | None, Option("Only subjects of this group.")] = None,
     figures: Figures = None,
+    voided: Voided = False,
 ) -> StoreJudged:
     """Summarise the results of a judging task. Magnitudes with their exponents, just-noticeable differences, matches.
 
     Raises BadInput where the store has no finished run of such a task, or several tasks and none is named.
     """
     words = shipped_words("en")
-    with closing(Store(Path(store), must_exist=True)) as opened:
+    with closing(Store(Path(store), must_exist=True, voided=voided)) as opened:
         kinds = {keys.kind: keys for keys in stored_tasks(opened, Task)}
         if not kinds:
             with opened.read() as connection:

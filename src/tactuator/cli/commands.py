@@ -61,6 +61,8 @@ _ROWS = (
     (_PERSON, "experiment serve", "web.serve:serve", "Serve the study to browsers."),
     (_PERSON, "experiment enrol", "api.experiment:enrol", "Add a subject, or a further visit of one."),
     (_PERSON, "experiment correct", "api.experiment:correct", "Correct the data of a subject or a visit."),
+    (_PERSON, "experiment rename", "api.experiment:rename", "Give a subject another code."),
+    (_PERSON, "experiment void", "api.experiment:void", "Leave a visit, run or trial out of all results."),
     (_PERSON, "experiment erase", "api.experiment:erase", "Erase everything of a subject from a store."),
     (_PERSON, "experiment observe", "api.experiment:observe", "Run simulated subjects through a study."),
     (_PERSON, "experiment thresholds", "api.experiment:thresholds", "Refit thresholds of every finished run."),

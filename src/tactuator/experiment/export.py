@@ -56,12 +56,13 @@ _EXACT = 2**53
 class Exported:
     """A store to be exported, while its transaction is open.
 
-    runs: every run with answered trials. connection: reads their rows as they are written. tables: events, subjects and
-    thresholds. columns: of each table, those of the trials and intervals too. settings: each version of each study's
-    protocol, by file name.
+    runs: every run with answered trials. connection: reads their rows as they are written. usable: what holds of them.
+    tables: events, subjects and thresholds. columns: of each table, those of the trials and intervals too. settings:
+    each version of each study's protocol, by file name.
     """
 
     connection: Connection
+    usable: schema.Usable
     runs: list[Found]
     tables: Mapping[str, list[TableRow]]
     columns: Mapping[str, tuple[Column, ...]]
@@ -69,7 +70,7 @@ class Exported:
 
     def rows(self) -> Iterator[RunRows]:
         """Yield trials and intervals, a run at a time."""
-        return rows_of_runs(self.connection, self.runs, schema.KEPT)
+        return rows_of_runs(self.connection, self.runs, self.usable)
 
     def write(self, table: str, path: Path, separator: str = ",", missing: str = "") -> None:
         """Write one of the tables as separated values with a header."""
@@ -142,7 +143,7 @@ def exported(store: Store) -> Iterator[Exported]:
             query = select(*selected(table), key.label("key")).select_from(source).where(where).order_by(*by)
             return [dict(row._mapping) for row in connection.execute(query)]
 
-        runs = runs_in_order(connection, schema.KEPT)
+        runs = runs_in_order(connection, store.usable)
         if not runs:
             raise BadInput(f"store {store.name} has no response", "one with at least one")
         happened = (
@@ -158,7 +159,7 @@ def exported(store: Store) -> Iterator[Exported]:
         settings = _settings(connection)
         tables = {"events": events, "subjects": subjects, "thresholds": _thresholds(store)}
         described = {**COLUMNS, "subjects": (*COLUMNS["subjects"], *items)}
-        yield Exported(connection, runs, tables, described, settings)
+        yield Exported(connection, store.usable, runs, tables, described, settings)
 
 
 def _plain(value: Any) -> Any:

@@ -170,7 +170,7 @@ def recognition_results(
                 continue
             if connection.execute(select(schema.stimulus.c.id).where(schema.stimulus.c.study_id == row.id)).first():
                 protocol = parse_protocol(records.versions(connection, row.id)[-1].toml, RecognitionProtocol)
-                matrices, shares = _results(connection, row.id, protocol, rng, draws)
+                matrices, shares = _results(connection, row.id, protocol, rng, draws, store.usable)
                 results, abx = results + matrices, abx + shares
     if not results and not abx:
         wanted = "recognition study" if study is None else f"recognition study {study!r}"
@@ -187,10 +187,10 @@ def session_results(
     """
     with store.read() as connection:
         row = records.session(connection, session)
-        return _results(connection, row.study_id, protocol, rng, _SESSION_DRAWS, only=row.subject_code)
+        return _results(connection, row.study_id, protocol, rng, _SESSION_DRAWS, store.usable, row.subject_code)
 
 
-def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, bool]]:
+def _trials(connection: Connection, study: int, usable: schema.Usable) -> list[tuple[str, str, str, bool]]:
     """Return (subject, correct, response, nobody felt it) of each trial of test blocks that were not given up."""
     felt = ("subject_group", "respondent", "rig_simulated")
     query = (
@@ -198,7 +198,7 @@ def _trials(connection: Connection, study: int) -> list[tuple[str, str, str, boo
         .select_from(TRIALS)
         .where(
             schema.session.c.study_id == study,
-            schema.KEPT,
+            *usable,
             schema.run.c.practice.is_(False),
             schema.run.c.state.in_(("running", "done")),
         )
@@ -213,9 +213,10 @@ def _results(
     protocol: RecognitionProtocol,
     rng: np.random.Generator,
     draws: int,
+    usable: schema.Usable,
     only: str | None = None,
 ) -> tuple[list[SubjectResult], list[AbxResult]]:
-    trials, asking, name = _trials(connection, study), protocol.recognition, protocol.study.name
+    trials, asking, name = _trials(connection, study, usable), protocol.recognition, protocol.study.name
     query = select(schema.stimulus.c.label, schema.stimulus.c.duration_s).where(schema.stimulus.c.study_id == study)
     durations = {row.label: row.duration_s for row in connection.execute(query)}
     labels = (*protocol.labels, *(label for label in durations if label not in protocol.labels))

@@ -372,13 +372,15 @@ def store_results(
     group: str | None = None,
     reference: str | None = None,
     leave_out: Sequence[str] = (),
+    voided: bool = False,
 ) -> StoreResults:
     """Return the results of a store's finished runs, of one group of subjects or of all.
 
     reference: name or file of the curve that 0 dB SL stood for, None: that of the runs. leave_out: as group_curve
-    takes it. Raises BadInput where there are no such runs, or runs on several curves without a reference.
+    takes it. voided: what is void is included. Raises BadInput where there are no such runs, or runs on several
+    curves without a reference.
     """
-    with closing(Store(store_path, must_exist=True)) as store:
+    with closing(Store(store_path, must_exist=True, voided=voided)) as store:
         runs = tuple(detection_runs(store, group=group))
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:

@@ -61,13 +61,16 @@ class ContourResults:
     simulated: bool
 
 
-def contour_results(path: Path, group: str | None = None, curve: ThresholdCurve | None = None) -> ContourResults:
-    """Return the results of the matches of a store. curve: whose dB SL the contours are in, None: that of the display.
+def contour_results(
+    path: Path, group: str | None = None, curve: ThresholdCurve | None = None, voided: bool = False
+) -> ContourResults:
+    """Return the results of the matches of a store. curve: whose dB SL the contours are in, None: that of the
+    display. voided: what is void is included.
 
     Contours are of the standard's own finger. Raises BadInput where there are no finished matching runs, or runs with
     several references; with a curve, if the matches do not name the display's.
     """
-    with closing(Store(path, must_exist=True)) as store:
+    with closing(Store(path, must_exist=True, voided=voided)) as store:
         keys, contact = _keys(store), _contact(store)
         runs = answered_runs(store, keys.kind, group=group)
     mine = [run for run in runs if run.finger == keys.finger]

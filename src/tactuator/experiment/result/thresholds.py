@@ -40,8 +40,9 @@ class MeasuredThreshold:
     """One threshold of one subject: THRESHOLD_COLUMNS of the exports' dictionary explains the fields.
 
     None, NaN or an infinite end: the export's cell is empty. flags: floor, ceiling, trial-limit, chance,
-    attention, cue, lapses, drift, mains, out-of-range, saturated, delivered-unknown. simulated: True where nobody felt
-    the stimuli. study_number: that of the study in the store; a code is a person's in one study.
+    attention, cue, lapses, drift, mains, out-of-range, saturated, delivered-unknown, void (the run, or trials of it).
+    simulated: True where nobody felt the stimuli. study_number: that of the study in the store; a code is a
+    person's in one study.
     """
 
     subject: str
@@ -185,12 +186,13 @@ def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]
         at = _Level.censored(run.levels_db_sl[mask], *(float(value) for value in fitted))
         seen, hertz = run.intervals, float(run.run.frequency_hz)
         gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.refit_db_sl)
-        names = [*replayed.flags(row), *flags.names(row), *attention(run)]
+        estimate, own_flags = (replayed.estimate(row), replayed.flags(row)) if run.whole else (None, ())
+        names = [*own_flags, *flags.names(row), *attention(run)]
         if hum_is_felt(seen, hertz, protocol.timing, at.refit_db_sl):
             names.append("mains")
         power = (float(flags.lapse_power[row]), float(flags.drift.power[row]))
         base = float(run.curve_level_db_re_1um[0])
-        measured.append([_threshold(run, replayed.estimate(row), hertz, at, gain, base, names, power)])
+        measured.append([_threshold(run, estimate, hertz, at, gain, base, names, power)])
     return measured
 
 
@@ -257,6 +259,7 @@ def _threshold(
         "out-of-range": bool(at.bound),
         "saturated": run.intervals.saturated.any(),
         "delivered-unknown": not known,
+        "void": run.void,
     }
     shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
     level, spare = base + shift + at.refit_db_sl, _NORMAL_95 * shift_sd

@@ -21,6 +21,7 @@ from tactuator.experiment.session.task import Clock, NextTrial, SessionTask
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Found, PlayedTrial, stamp
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.voids import is_void
 from tactuator.experiment.task.task import TaskState
 
 _BETWEEN_TRIALS_S = 1.5
@@ -160,7 +161,7 @@ class Session:
             tallies = records.tallies(connection, self.id)
             self.trials = sum(tally.answered for tally in tallies.values())
             self._since_break = self.trials - records.last_break(connection, self.id)
-            runs = records.latest_runs(connection, self.id)
+            runs, void = records.latest_runs(connection, self.id), is_void(connection, self.id)
             going = next((run for run in runs if run.state == "running"), None)
             answers = [] if going is None else records.answers(connection, going.id)
         if pinned not in (None, self.version):
@@ -172,6 +173,9 @@ class Session:
             tally.state = run.state
             if answered is not None:
                 tally.answered, tally.correct = int(answered.answered), int(answered.right)
+        for tally in self.tally:
+            if void and not tally.over:  # nobody need answer what is left out
+                tally.state = "stopped"
         if going is not None:
             self._take_up(going, answers)
 

@@ -88,7 +88,7 @@ class StudyRecords:
     def enrol(self, part: SubjectPart) -> None:
         """Add a subject with a session for each visit. Raises BadInput for one that is there, or facts not allowed."""
         known = records.subjects(self.connection, self.id)
-        if any(part.code == subject.code for subject in known):
+        if part.code in records.codes(self.connection, self.id):
             raise BadInput(f"subject {part.code!r} is enrolled already", "a code that is not taken")
         _refuse_taken(known, part.participant_id)
         facts = self.protocol.facts(part.demographics)
@@ -132,6 +132,25 @@ class StudyRecords:
             about: dict[str, Any] = {"subject": rows[0].subject_id, "change": change}
             note(self.connection, session, "correction", reason.strip(), self.now, self.who, **about)
         return [change for _, change in changes]
+
+    def rename(self, code: str, new: str, reason: str) -> None:
+        """Give the subject of that code another one; an event has the reason.
+
+        A former code stays the subject's: nobody else gets it, and a protocol file that has it means them. Raises
+        BadInput for a subject who is not there, a code that is not allowed or taken, and no reason.
+        """
+        if not reason.strip():
+            raise BadInput("no reason", "one in words, which is kept")
+        subject = next((row for row in records.subjects(self.connection, self.id) if row.code == code), None)
+        if subject is None:
+            raise BadInput(f"subject {code!r} is not in the study", "one that is enrolled")
+        SubjectPart(code=new)
+        if new == code or records.codes(self.connection, self.id).get(new, subject.id) != subject.id:
+            raise BadInput(f"subject {new!r} is enrolled already", "a code that is not taken")
+        records.rename_subject(self.connection, subject, new)
+        change = Change("subject", code, new)
+        kind, why = records.RENAMED, reason.strip()
+        note(self.connection, None, kind, why, self.now, self.who, subject=subject.id, change=change)
 
     def set_day(self, session: int, skin_temperature_c: float | None, preload_n: float | None) -> None:
         """Store the data of the day of a session; what was there before is kept as an event."""
@@ -305,7 +324,7 @@ def open_study(
                 raise fault
         task.enrol(connection, study)
         opened = Study(store, study, task, version, beside or Path(), clock, tokens)
-        known = {subject.code for subject in records.subjects(connection, study)}
+        known = records.codes(connection, study)
         for part in task.protocol.subject:
             if part.code not in known:
                 opened.records_in(connection, records.PROGRAM).enrol(part)

@@ -70,6 +70,8 @@ def _delete(connection: Connection, person: int) -> Erased:
     def gone(table: Any, where: ColumnElement[bool]) -> int:
         return int(connection.execute(delete(table).where(where)).rowcount)
 
+    void = schema.void.c
+    gone(schema.void, or_(void.session_id.in_(visits), void.run_id.in_(runs), void.trial_id.in_(trials)))
     gone(schema.response, schema.response.c.trial_id.in_(trials))
     gone(schema.interval, schema.interval.c.trial_id.in_(trials))
     of_trials = gone(trial, trial.c.run_id.in_(runs))

@@ -98,6 +98,29 @@ def subjects(connection: Connection, study: int) -> list[Found]:
     return list(connection.execute(select(table).where(table.c.study_id == study).order_by(table.c.number)))
 
 
+RENAMED = "renamed"
+"""Kind of the event of another code; `before` is the former one."""
+
+
+def codes(connection: Connection, study: int) -> dict[str, int]:
+    """Return the codes that the study's subjects have or had, each with the subject's row."""
+    event, subject = schema.event, schema.subject
+    mine = event.join(subject, subject.c.id == event.c.subject_id)
+    former = select(event.c.before, subject.c.id).select_from(mine)
+    former = former.where(subject.c.study_id == study, event.c.kind == RENAMED)
+    known = {row.before: row.id for row in connection.execute(former)}
+    return known | {row.code: row.id for row in subjects(connection, study)}
+
+
+def rename_subject(connection: Connection, subject: Found, code: str) -> None:
+    """Write another code of a subject, also where events have it as who acted."""
+    event, session = schema.event, schema.session
+    mine = event.c.session_id.in_(select(session.c.id).where(session.c.subject_id == subject.id))
+    acted = mine & (event.c.who == f"subject {subject.code}")
+    connection.execute(update(event).where(acted).values(who=f"subject {code}"))
+    change_subject(connection, subject.id, code=code)
+
+
 def add_subject(
     connection: Connection, study: int, new: SubjectPart, facts: Mapping[str, tuple[str, str]], now: datetime
 ) -> Found:

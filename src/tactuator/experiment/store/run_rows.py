@@ -4,7 +4,7 @@ memory of its longest run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
@@ -15,6 +15,7 @@ from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, sele
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found
 from tactuator.experiment.store.stored_runs import COLUMNS, INTERVALS, TRIALS, plain_rows, selected
+from tactuator.experiment.store.voids import void_reasons
 
 Cells = Sequence[Any]
 
@@ -42,24 +43,26 @@ class RunRows:
         return [dict(zip(names, row, strict=True)) for row in getattr(self, name)]
 
 
-def runs_in_order(connection: Connection, where: ColumnElement[bool]) -> list[Found]:
+def runs_in_order(connection: Connection, usable: schema.Usable) -> list[Found]:
     """Return every run with answered trials, by study, subject and visit: as `RunRows.about`, and how many trials."""
     run = schema.run.c.id
     count = select(func.count()).select_from(schema.trial.join(schema.response)).where(schema.trial.c.run_id == run)
-    answered = count.scalar_subquery().label("trials")
-    query: Select[Any] = select(*selected("trials", *_ABOUT), answered).select_from(schema.RUNS).where(where)
+    answered = count.where(usable.trials).scalar_subquery().label("trials")
+    query: Select[Any] = select(*selected("trials", *_ABOUT), answered).select_from(schema.RUNS).where(usable.runs)
     order = (schema.study.c.id, schema.subject.c.number, schema.session.c.visit, run)
     return [row for row in connection.execute(query.order_by(*order)) if row.trials]
 
 
-def rows_of_runs(connection: Connection, runs: Sequence[Found], where: ColumnElement[bool]) -> Iterator[RunRows]:
+def rows_of_runs(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> Iterator[RunRows]:
     """Yield the rows of runs of `runs_in_order`, reading some of them at a time."""
+    reasons = void_reasons(connection)
     for part in _parts(runs):
-        trials = _read(connection, "trials", TRIALS, part, where)
-        intervals = _read(connection, "intervals", INTERVALS, part, where)
+        trials = _read(connection, "trials", TRIALS, part, usable.trials)
+        intervals = _read(connection, "intervals", INTERVALS, part, usable.trials)
         for about in part:
             played = intervals.pop(about.run, [])
-            yield RunRows(about, _with_played(trials.pop(about.run, []), played), played)
+            rows = _with_played(trials.pop(about.run, []), played)
+            yield RunRows(about, _with_reasons(rows, about.run, reasons) if reasons else rows, played)
 
 
 def _parts(runs: Sequence[Found]) -> Iterator[list[Found]]:
@@ -103,3 +106,9 @@ def _with_played(trials: list[Cells], intervals: list[Cells]) -> list[Cells]:
         if interval[commanded] is not None:
             trial[measured] = interval[sensed]
     return [*by_number.values()]
+
+
+def _with_reasons(trials: list[Cells], run: int, reasons: Mapping[tuple[int, int | None], str]) -> list[Cells]:
+    """Return the trials with why they are void, if they are, in the last column."""
+    number, whole = _place("trials", "trial"), reasons.get((run, None))
+    return [[*row[:-1], whole or reasons.get((run, row[number]))] for row in trials]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqlalchemy import (
     Boolean,
     CheckConstraint,
     Column,
+    ColumnElement,
     Float,
     ForeignKey,
     Integer,
@@ -15,6 +16,8 @@ from sqlalchemy import (
     String,
     Table,
     UniqueConstraint,
+    select,
+    true,
 )
 
 VERSION = 8
@@ -153,6 +156,13 @@ event = _table(
     *_optional(String, "item", "before", "after"),
 )
 
+void = _table(
+    "void",
+    *(_key(name, needed=False, unique=True) for name in ("session_id", "run_id", "trial_id")),
+    *_needed(String, "reason"),
+)
+"""Visits, runs and trials that are not to be used; one of the three keys is set."""
+
 stimulus = _table(
     "stimulus",
     _key("study_id"),
@@ -176,3 +186,25 @@ ANSWERED = RUNS.join(trial).join(response)
 """Every answered trial, with what it is of."""
 KEPT = session.c.ended.is_distinct_from("withdrawn-discard")
 """Holds of sessions whose answers may be used."""
+
+
+def _not_void(of: Table) -> ColumnElement[bool]:
+    key = void.c[f"{of.name}_id"]
+    return of.c.id.not_in(select(key).where(key.is_not(None)))
+
+
+class Usable(NamedTuple):
+    """What holds of the runs, and of their trials, that results and exports are made of."""
+
+    runs: ColumnElement[bool]
+    trials: ColumnElement[bool]
+
+
+USABLE = {False: Usable(KEPT & _not_void(session) & _not_void(run), _not_void(trial)), True: Usable(KEPT, true())}
+"""By whether what is void is taken in."""
+VOID_RUNS = select(run.c.id).where(
+    run.c.session_id.in_(select(void.c.session_id))
+    | run.c.id.in_(select(void.c.run_id))
+    | run.c.id.in_(select(trial.c.run_id).join(void))
+)
+"""Selects the runs that are void, or have a void trial."""

@@ -159,12 +159,19 @@ class Store:
     place: a path, or postgresql+pg8000://USER@HOST/DATABASE, whose password may be in the variable PGPASSWORD. durable:
     every commit waits until it is on disk; False is for what simulated people answer into a folder that is thrown away,
     where nobody's answer can be lost. whole: a damaged file, and a copy that may lack its last answers, is refused.
+    voided: what is read from it for results and exports (`usable`) includes void visits, runs and trials.
     Raises BadInput for a file that is not a sound database of this tool, or cannot be opened, and for a server.
     """
 
     def __init__(
-        self, place: str | os.PathLike[str], must_exist: bool = False, durable: bool = True, whole: bool = True
+        self,
+        place: str | os.PathLike[str],
+        must_exist: bool = False,
+        durable: bool = True,
+        whole: bool = True,
+        voided: bool = False,
     ) -> None:
+        self.voided, self.usable = voided, schema.USABLE[voided]
         self.is_file = not is_server(place)
         self.path = Path(place)
         self._log = Path(f"{os.path.realpath(place)}-wal")  # SQLite has it beside the file, whatever links to it

@@ -116,6 +116,7 @@ class StoredRun:
     """A stored run with its trials.
 
     session, run: their rows. frequency_hz, levels_db_sl, curve_level_db_re_1um, correct: (trials,). intervals: of all.
+    void: the run, or trials of it, are not to be used. void_included: they are here all the same.
     """
 
     session: Found
@@ -126,6 +127,13 @@ class StoredRun:
     curve_level_db_re_1um: FloatArray
     correct: NDArray[np.bool_]
     intervals: StoredIntervals
+    void: bool = False
+    void_included: bool = False
+
+    @property
+    def whole(self) -> bool:
+        """Return whether every trial is there, so that its procedure can be replayed."""
+        return self.void_included or not self.void
 
 
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
@@ -137,29 +145,31 @@ def detection_runs(store: Store, session: int | None = None, group: str | None =
     with store.read() as connection:
         protocols = stored_protocols(connection, Protocol)
         sessions = {row.id: row for row in connection.execute(session_query())}
-        wanted = _done(FORCED_CHOICE, session, group)
+        wanted = _done(store, FORCED_CHOICE, session, group)
         done = select(schema.run).select_from(schema.RUNS).where(*wanted).order_by(*_IN_ORDER)
         rows = [row for row in connection.execute(done) if row.protocol_version_id in protocols]
-        runs = []
+        void, runs = {*connection.execute(schema.VOID_RUNS).scalars()}, []
         for first in range(0, len(rows), _RUNS):
             part = rows[first : first + _RUNS]
-            trials, intervals = (read(connection, part) for read in (_trials, _intervals))
+            trials, intervals = (read(connection, part, store.usable) for read in (_trials, _intervals))
             for row in part:
                 kind, commanded, measured = intervals.of(row.id)
                 tone, loud, saturated = ((kind & bit) != 0 for bit in (_TONE, _LOUD, _SATURATED))
                 seen = StoredIntervals(tone, loud, commanded, measured, saturated)
+                if not kind.size:
+                    continue  # every trial of it is void
                 about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
                 frequency_hz, level, base, correct = trials.of(row.id)
-                runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen))
-    if not rows:
+                runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen, row.id in void, store.voided))
+    if not runs:
         raise _none(store, session, group, "done run")
     return runs
 
 
-def _done(paradigm: str, session: int | None, group: str | None) -> list[ColumnElement[bool]]:
-    """Return what holds of the runs that are done, practice and withdrawn sessions left out."""
+def _done(store: Store, paradigm: str, session: int | None, group: str | None) -> list[ColumnElement[bool]]:
+    """Return what holds of the runs that are done, practice and what may not be used left out."""
     run = schema.run.c
-    wanted = [schema.KEPT, run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
+    wanted = [store.usable.runs, run.state == "done", run.practice.is_(False), run.paradigm == paradigm]
     of_session = [] if session is None else [run.session_id == session]
     return [*wanted, *of_session, *([] if group is None else [schema.subject.c.subject_group == group])]
 
@@ -194,14 +204,14 @@ class _Rows:
         return tuple(column[mine] for column in self.columns)
 
 
-def _trials(connection: Connection, runs: Sequence[Found]) -> _Rows:
+def _trials(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Rows:
     """Return the runs' trials that were answered: frequency, level, the curve's level, and whether it was right."""
     wanted = selected("trials", "run", "frequency_hz", "level_db_sl", "curve_level_db_re_1um", "correct")
-    query = _of(select(*wanted).select_from(TRIALS), runs)
+    query = _of(select(*wanted).select_from(TRIALS).where(usable.trials), runs)
     return _Rows.read(connection, query, (np.float64, np.float64, np.float64, np.bool_))
 
 
-def _intervals(connection: Connection, runs: Sequence[Found]) -> _Rows:
+def _intervals(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Rows:
     """Return the intervals of the runs' trials: bits of what each was, commanded and measured level."""
     names = ("run", "stimulus", "saturated", "commanded_db_sl", "measured_db_sl")
     run, stimulus, saturated, *levels = selected("intervals", *names)
@@ -210,7 +220,7 @@ def _intervals(connection: Connection, runs: Sequence[Found]) -> _Rows:
         + _LOUD * (stimulus == LOUD).cast(Integer)
         + _SATURATED * saturated.cast(Integer)
     )
-    query = _of(select(run, kind, *levels).select_from(INTERVALS), runs)
+    query = _of(select(run, kind, *levels).select_from(INTERVALS).where(usable.trials), runs)
     return _Rows.read(connection, query.order_by(schema.interval.c.position), (np.uint8, np.float64, np.float64))
 
 
@@ -236,7 +246,7 @@ def answered_runs(
     query = (
         select(*cells)
         .select_from(INTERVALS)
-        .where(*_done(kind, session, group))
+        .where(*_done(store, kind, session, group), store.usable.trials)
         .order_by(*_IN_ORDER, schema.trial.c.number, schema.interval.c.position)
     )
     with store.read() as connection:
