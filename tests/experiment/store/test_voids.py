@@ -94,14 +94,12 @@ def test_void__part_of_a_study__is_left_out_as_if_deleted_and_can_be_restored(la
     assert [{**row, "voided": ""} for row in whole] == list(csv.DictReader(before["trials"].splitlines()))
     marked = [row for row in whole if row["voided"] == "a siren"]
     assert len(marked) == len(before["trials"].splitlines()) - len(found["trials"].splitlines()) > 0
-    flagged = [
-        row["run"] for row in rows(tmp_path / "all" / "thresholds.csv") if "void" in row["flags"]
-    ]
+    flagged = [row["run"] for row in rows(tmp_path / "all" / "thresholds.csv") if "void" in row["flags"]]
     assert set(flagged) <= {row["run"] for row in marked}
     assert flagged
     void("S1", lab, "it was nothing", visit, run, trial, restore=True)
     assert tables(lab, tmp_path / "restored") == before
-    events = (rows(tmp_path / "restored" / "events.csv"))
+    events = rows(tmp_path / "restored" / "events.csv")
     logged = [(row["kind"], row["subject"], row["visit"], row["detail"]) for row in events if row["item"]]
     assert logged == [("void", "S1", "1", "a siren"), ("restored", "S1", "1", "it was nothing")]
     assert [row["who"] for row in events if row["kind"] == "void"] == ["EX"]
@@ -164,7 +162,7 @@ def test_rename__subject__is_the_same_person_everywhere_and_to_the_protocol_file
     rename("s1", "Q7", lab, "clearer")
     after = tables(lab, tmp_path / "after")
     assert after == {name: text.replace(",S2,", ",Q7,").replace("\nS2,", "\nQ7,") for name, text in before.items()}
-    events = (rows(tmp_path / "after" / "events.csv"))
+    events = rows(tmp_path / "after" / "events.csv")
     logged = [(row["who"], row["subject"], row["before"], row["after"], row["detail"]) for row in events if row["item"]]
     assert logged[0] == ("EX", "Q7", "S2", "s1", "a slip")
     assert {row["who"] for row in events if row["kind"] == "seen"} == {"subject Q7"}
