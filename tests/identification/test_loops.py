@@ -68,6 +68,8 @@ def test_identify__loop_without_options__is_right_and_seen(given: dict[str, obje
     record = looped(NUM, DEN, (1.5, 150.0, 0.0), **given)  # type: ignore[arg-type]
     found = identify(record)
     assert found.tests.feedback
+    assert found.model.record["feedback"] == "likely: yes"
+    assert ("feedback during the recording", "likely: yes", "") in found.tables()[0].rows
     assert found.holds or identify(record, closed_loop="yes").holds
     hertz = np.geomspace(1.0, 150.0, 60)
     assert np.all(np.abs(off_db(found, NUM, DEN, hertz)) <= found.model.band_db(hertz) + 0.1)
@@ -84,7 +86,9 @@ def test_identify__plant_that_only_the_loop_holds__is_believed_with_a_reference(
 
 def test_identify__closed_loop_stated_no__begins_from_the_record_alone() -> None:
     record = looped(NUM, DEN, (1.5, 150.0, 0.0), force=(6.4, 0.03))
-    assert identify(record, closed_loop="no").tests.feedback is False
+    found = identify(record, closed_loop="no")
+    assert found.tests.feedback is False
+    assert found.model.record["feedback"] == "known: no"
 
 
 def test_autoregressive_response__slow_force_in_a_loop__is_right_where_the_local_one_is_not() -> None:

@@ -69,6 +69,14 @@ class Data:
     late_s: float = 0.0
     kind: type[SpectralProblem] = SpectralProblem
     in_loop: bool = False
+    skewed: bool = True
+
+    @property
+    def may_be_skewed(self) -> bool:
+        """Return whether the positions may have been read later than the commands: what follows from a loop's noise
+        would seem to be.
+        """
+        return self.skewed and not self.in_loop and bool(self.signals)
 
     @property
     def scale_rad_s(self) -> float:
@@ -87,7 +95,8 @@ class Data:
         given, known = self.given, 1.0 if self.weight is None else self.weight
         weight = np.where(given.of_hz <= HIGHEST_OF[hold] * self.rate_hz, known, 0.0)
         grid = Grid(given.frequency_hz, self.rate_hz, scale_rad_s, hold, given.shift)
-        return self.kind(given, weight, grid, with_transient=self.weight is None, stable=stable)
+        transient, skewed = self.weight is None, self.may_be_skewed
+        return self.kind(given, weight, grid, with_transient=transient, stable=stable, skewed=skewed)
 
     def weighted(self, problem: SpectralProblem, fit: SpectralFit) -> SpectralProblem:
         """Return the problem weighted by what a fit leaves of the records."""

@@ -167,6 +167,10 @@ def _searched(
             return seen
     begun = None if seen is None else seen.choice
     best = _tried(choose(data, proposals, hold, known, begun=begun), data)
+    if best.choice.fit.delay < 0.0 and (best.by_loop > 0.0 or not best.fits):
+        # neither what follows from a loop's noise nor what a form lacks shows how the channels were read
+        data = replace(data, skewed=False)
+        best = _tried(choose(data, proposals, hold, known), data)
     behind = bool(found) and best.evidence > found[0].evidence + _enough(best, found[0])
     if is_stable(best.choice.fit.theta, best.choice.fit.form) or behind:
         return best

@@ -19,7 +19,7 @@ from tactuator.identification.check import (
     valid_range,
 )
 from tactuator.identification.distortion import Distortion
-from tactuator.identification.fit import REMAINS, SpectralEstimate
+from tactuator.identification.fit import CERTAIN, REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
 from tactuator.identification.friction import BENT, FrictionFit, ruled_by_friction
 from tactuator.identification.likelihood import SpectralFit
@@ -97,6 +97,7 @@ def identification(
     model = _with_what_is_left(model.with_checks(*rows), tests, bent, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     simulated, measured, percent = _positions(residuals, common)
+    remarks = (*common.remarks, *_skew(chosen, model.confidence()["delay_s"]))
     result = Identification(
         model=model,
         order=chosen.fit.form.poles,
@@ -108,7 +109,7 @@ def identification(
         empirical=common.own_response,
         simulated=simulated,
         measured=measured,
-        remarks=common.remarks if estimate.before is None else (*common.remarks, _BY_REFERENCE),
+        remarks=remarks if estimate.before is None else (*remarks, _BY_REFERENCE),
         between=between,
         other=other,
         distortion=distortion,
@@ -194,6 +195,11 @@ def _model(
     fixed = [value for value in common.options.fixed if value.binds(fit.form)]
     table = np.geomspace(1.0 / common.longest_s, 0.5 * common.rate_hz, _TABLE)
     beyond = other_forms(choice, table)
+    skew_s, record = max(-fit.delay_s, 0.0), {"hold": choice.hold}
+    if skew_s:
+        record |= {"skew_s": skew_s}
+        if _may_be_prompt(choice):
+            beyond = beyond.joined(2j * np.pi * table * skew_s / Z95)
     bias = fed_back(choice, estimate.spectra) if choice.problem.with_transient else None
     if estimate.before is not None and choice is estimate.chosen:
         beyond = beyond.joined(REMAINS * np.log(estimate.before.response(table) / fit.response(table)))
@@ -208,12 +214,29 @@ def _model(
     missing = left_over(fit, estimate.local, response_of_rows(fit, estimate.local.frequency_hz), table)
     model = common.model(
         *physical(fit, covariance, common.gain),
-        delay_s=fit.delay_s,
+        delay_s=max(fit.delay_s, 0.0),
         method="refined",
-        record={"hold": choice.hold} | ({"fixed": " ".join(map(str, fixed))} if fixed else {}),
+        record=record | ({"fixed": " ".join(map(str, fixed))} if fixed else {}),
         excess=beyond.joined((np.hypot(missing, FLOOR)) * (1.0 + 1.0j)),
     )
     return exact(model, fixed)
+
+
+def _may_be_prompt(choice: Choice) -> bool:
+    """Return whether a form without a dead time below zero may explain the records as well."""
+    least = choice.problem.criterion(choice.fit) + CERTAIN
+    return any(fit.delay >= 0.0 and choice.problem.criterion(fit) < least for fit in choice.fits.values())
+
+
+def _skew(choice: Choice, half_s: float) -> tuple[str, ...]:
+    """Return what is to be said of a dead time below zero, half_s: its 95 % half-width."""
+    late_s = -choice.fit.delay_s
+    if not late_s > 0.0:
+        return ()
+    said = f"the position was read {1e3 * late_s:.3g} ± {1e3 * half_s:.2g} ms later than the command (channel skew)"
+    if _may_be_prompt(choice):
+        return (f"unknown whether {said} or the mechanism leads by as much; the band covers both",)
+    return (f"likely {said}; the model is without it, and a dead time of the mechanism would add to it",)
 
 
 def _valid(model: PlantModel, estimate: SpectralEstimate) -> tuple[float, float]:
@@ -287,8 +310,9 @@ _SHOWN = 20.0
 def judge(result: Identification, common: Prepared) -> Identification:
     """Return the identification with all that decides whether its model is to be designed with."""
     if common.in_loop is not None:
-        result = replace(result, tests=replace(result.tests, feedback=common.in_loop))
-    model, record = result.model, common.records[0]
+        result = replace(result, tests=replace(result.tests, feedback=common.in_loop, stated=True))
+    record = common.records[0]
+    model = replace(result.model, record=result.model.record | {"feedback": result.tests.feedback_is})
     poles = np.roots(model.den)
     size = float(np.abs(poles).max())
     growing = float(np.sum(poles.real > 1e-6 * size))

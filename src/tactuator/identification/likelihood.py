@@ -80,7 +80,7 @@ class SpectralFit:
 @dataclass(frozen=True, eq=False)
 class SpectralProblem:
     """Equations with weights (e,) under one hold; with the transient's columns unless the lines are free of one; with
-    poles in the left half plane alone if `stable`.
+    poles in the left half plane alone if `stable`; with dead times from -1 sample on if `skewed`, from 0 on otherwise.
 
     All sums over the equations are taken once, as products of columns; what is linear is eliminated from them.
     """
@@ -90,6 +90,12 @@ class SpectralProblem:
     grid: Grid
     with_transient: bool = True
     stable: bool = False
+    skewed: bool = False
+
+    @property
+    def earliest(self) -> float:
+        """Return the least dead time, scaled: positions may be read later than commands, by less than a sample."""
+        return -self.grid.period if self.skewed else 0.0
 
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
         """Return the linear solution at theta, or None where numbers run away."""
@@ -206,6 +212,7 @@ class SpectralProblem:
         most: steps. gain, share: what a step has to win of the cost, in itself and as a share, for another one.
         hopeless: the cost beyond which nothing more is tried after a few steps.
         """
+        delay = max(delay, self.earliest)
         with np.errstate(all="ignore"):
             now = self._ends.get((form, theta.tobytes(), delay)) or self.evaluate(form, theta, delay)
             now = None if now is None or self._ran_away(now) else now
@@ -261,7 +268,7 @@ class SpectralProblem:
             if not float(scaled @ downhill) >= least:
                 break
             step = scaled / size
-            delay = max(now.delay + float(step[-1]), 0.0) if now.form.dead_time else now.delay
+            delay = max(now.delay + float(step[-1]), self.earliest) if now.form.dead_time else now.delay
             theta = now.theta + step[: now.theta.size]
             refused = self.stable and not is_stable(theta, now.form)
             trial = None if refused else self.evaluate(now.form, theta, delay)

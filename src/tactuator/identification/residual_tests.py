@@ -22,9 +22,9 @@ class ResidualTests:
 
     white: of the innovations (after the noise model). uncorrelated: with the command's past; unexplained: the share of
     the residual's power that the command's past explains. feedback: true where the command depends on the residual's
-    past, false where it repeats itself without the noise, None where the record cannot tell. knock: the greatest
-    innovation over their usual size; jump: its sample, or None, in which part of the records. skew_ppm, drift: by how
-    much the position's clock is slower, and by what part its gain rises along the record, each with its 95 %
+    past, false where it repeats itself without the noise, None where the record cannot tell; stated: it is known.
+    knock: the greatest innovation over their usual size; jump: its sample, or None, in which part of the records.
+    skew_ppm, drift: by how much the position's clock is slower, and by what part its gain rises along the record, each with its 95 %
     half-width.
     """
 
@@ -32,6 +32,7 @@ class ResidualTests:
     uncorrelated_p: float
     unexplained: float
     feedback: bool | None = None
+    stated: bool = False
     knock: float = 1.0
     jump: int | None = None
     part: int = 0
@@ -42,6 +43,13 @@ class ResidualTests:
     def is_misfit(self) -> bool:
         """Return whether so much of the residual follows the command that a loop cannot be recognised."""
         return self.uncorrelated_p < CHANCE and self.unexplained > _MISFIT
+
+    @property
+    def feedback_is(self) -> str:
+        """Return whether there was feedback, and how that is known."""
+        if self.feedback is None:
+            return "unknown"
+        return f"{'known' if self.stated else 'likely'}: {'yes' if self.feedback else 'no'}"
 
     @property
     def white(self) -> bool:

@@ -197,7 +197,9 @@ class Identification(Fitted):
         documents = {
             "hold": picked(self.between, "source", "certain", "advantage", taken="hold") | {"other": other},
             "excitation": picked(excitation, "order", "needed", "sufficient") | {"band_hz": band_hz},
-            "residuals": picked(self.tests, *_TESTS, "white", "uncorrelated_with_input", closed_loop="feedback"),
+            "residuals": picked(
+                self.tests, *_TESTS, "white", "uncorrelated_with_input", closed_loop="feedback", feedback="feedback_is"
+            ),
             "validation": [_validation_document(validation) for validation in self.validations],
             "friction": self._friction_document(),
             "mechanism": self._mechanism_document(),
@@ -259,7 +261,8 @@ def _rows(fit: Identification, about: Mapping[str, str]) -> Iterator[tuple[str, 
             yield f"{name}, s^{top - k}", *with_error(float(values[k]), error)
     for known in fit.fixed:
         yield f"fixed: {known.fixed.name}", str(known.fixed).partition("=")[2], known.beside
-    yield "dead time (ms)", *with_error(1e3 * model.delay_s, 1e3 * confidence["delay_s"])
+    late_s = model.delay_s - model.record.get("skew_s", 0.0)
+    yield "dead time (ms)", *with_error(1e3 * late_s, 1e3 * confidence["delay_s"])
     yield "poles (Hz)", ", ".join(f"{pole:.4g}" for pole in fit.poles_hz), ""
     for mode in fit.resonances:
         name = f"resonance at {mode.frequency_hz:.4g} Hz"
@@ -283,7 +286,7 @@ def _circumstances(fit: Identification, about: Mapping[str, str]) -> Iterator[tu
         said = f"likely: -2 log likelihood is better by {fit.between.advantage:.3g} than of the other"
     said = _SAID_BY.get(fit.between.source, said)
     yield "command between samples", f"{_BETWEEN[fit.between.hold]}, {said}"
-    yield "feedback during the recording", {True: "yes", False: "no", None: "unknown"}[fit.tests.feedback]
+    yield "feedback during the recording", fit.tests.feedback_is
     if {"input", "output"} <= set(about):
         yield "columns", f"{about['input']} -> {about['output']}"
     for name, unit in (("command", model.command_unit), ("position", model.position_unit)):

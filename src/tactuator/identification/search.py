@@ -101,7 +101,10 @@ class _Proposals:
         self._known, self._points = known.in_scale(scale), data.local.frequency_hz.size
         self._delay = None if known.delay_s is None else known.delay_s * scale
         self._starters = {
-            hold: Starter(data.local, data.rate_hz, hold, scale, data.late_s, may_grow=data.in_loop) for hold in holds
+            hold: Starter(
+                data.local, data.rate_hz, hold, scale, data.late_s, may_grow=data.in_loop, skewed=data.may_be_skewed
+            )
+            for hold in holds
         }
         self.scored: dict[Hold, list[tuple[float, SpectralFit]]] = {hold: [] for hold in holds}
 
@@ -270,7 +273,8 @@ def simplest(choice: Choice, known: Known, is_within: Callable[[SpectralFit], bo
     while simpler is not None:
         now, least, simpler = simpler, choice.fit, None
         for form, theta in _simpler(now):
-            if form.count < now.form.count and known.allows(form):
+            # a zero far away and a short dead time are alike: converters are late more often than motors have the zero
+            if (form.count, form.zeros) < (now.form.count, now.form.zeros) and known.allows(form):
                 delay = now.delay if form.dead_time or known.delay_s is not None else 0.0
                 fit = choice.problem.descend(form, theta, delay, most=12)
                 if fit is not None and is_within(fit):

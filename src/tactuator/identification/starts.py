@@ -53,11 +53,12 @@ class Starter:
         arrival_s: float = 0.0,
         *,
         may_grow: bool = False,
+        skewed: bool = False,
     ) -> None:
         self.local, self.hold, self._may_grow = local, hold, may_grow
         grid = Grid(local.frequency_hz, rate_hz, scale_rad_s, hold)
         self.problem = SpectralProblem(
-            points(local.frequency_hz, local.value, rate_hz), local.weight, grid, with_transient=False
+            points(local.frequency_hz, local.value, rate_hz), local.weight, grid, with_transient=False, skewed=skewed
         )
         # what the hold adds, aliases aside, is taken off; the descent has the exact one
         turn = 2j * np.pi * local.frequency_hz / rate_hz
@@ -80,7 +81,7 @@ class Starter:
         """
         if near is not None:
             ahead = 0.5 if self.hold == "band-limited" else -0.5
-            lag = max(near.delay + ahead * self.problem.grid.period, 0.0) if form.dead_time else delay
+            lag = max(near.delay + ahead * self.problem.grid.period, self.problem.earliest) if form.dead_time else delay
             begun = self._descent(form, near.theta, lag, hopeless)
             if begun is not None and begun.cost < near.cost + _ALIKE:
                 return begun

@@ -46,7 +46,7 @@ BAND_DEG = Standard("widest phase band inside the valid range", "deg", 20.0, "na
 COHERENT = Standard("coherence of command and position where it is greatest", "", 0.5, least=True)
 CLIPPED = Standard("clipped samples of the position", "%", 1.0)
 KNOCK = Standard("greatest jump of the residual over its usual size", "", 20.0)
-SKEW = Standard("clocks of command and position apart", "ppm", 3.0)
+SKEW = Standard("clocks of command and position likely apart", "ppm", 3.0)
 DRIFT = Standard("change of the gain along the record", "dB", 1.0)
 DISTORTION = Standard("distortion over the position", "%", 5.0)
 RULED = Standard("power of the command that follows friction alone", "%", 2.0)

@@ -156,7 +156,7 @@ def fed_back(choice: Choice, spectra: Sequence[Spectrum]) -> FloatArray | None:
 def moved(fit: SpectralFit, change: FloatArray) -> SpectralFit:
     """Return the fit with (numerator, theta, dead time) changed, its stages as they were."""
     first, last = fit.numerator.size, fit.numerator.size + fit.theta.size
-    delay = max(fit.delay + float(change[-1]), 0.0) if fit.form.dead_time else fit.delay
+    delay = fit.delay + float(change[-1]) if fit.form.dead_time else fit.delay
     return replace(fit, numerator=fit.numerator + change[:first], theta=fit.theta + change[first:last], delay=delay)
 
 
@@ -209,5 +209,5 @@ def fit_of_model(model: PlantModel, rate_hz: float, hold: Hold, gain: float) -> 
     stages = stages_of(theta, form)
     powers = poles.size - np.arange(zeros, -1, -1.0)
     numerator = numerator_weights(stages, model.num / gain / scale**powers, form)
-    grid = Grid(np.zeros(0), rate_hz, scale, hold)
-    return SpectralFit(form, theta, model.delay_s * scale, numerator, stages, grid, 0.0)
+    grid, late_s = Grid(np.zeros(0), rate_hz, scale, hold), model.delay_s - model.record.get("skew_s", 0.0)
+    return SpectralFit(form, theta, late_s * scale, numerator, stages, grid, 0.0)
