@@ -24,8 +24,8 @@ class ResidualTests:
     the residual's power that the command's past explains. feedback: true where the command depends on the residual's
     past, false where it repeats itself without the noise, None where the record cannot tell; stated: it is known.
     knock: the greatest innovation over their usual size; jump: its sample, or None, in which part of the records.
-    skew_ppm, drift: by how much the position's clock is slower, and by what part its gain rises along the record, each with its 95 %
-    half-width.
+    skew_ppm, drift: by how much the position's clock is slower, and by what part its gain rises along the record, each
+    with its 95 % half-width.
     """
 
     white_p: float
