@@ -195,7 +195,8 @@ def _model(
     fixed = [value for value in common.options.fixed if value.binds(fit.form)]
     table = np.geomspace(1.0 / common.longest_s, 0.5 * common.rate_hz, _TABLE)
     beyond = other_forms(choice, table)
-    skew_s, record = max(-fit.delay_s, 0.0), {"hold": choice.hold}
+    skew_s = max(-fit.delay_s, 0.0)
+    record: dict[str, str | float] = {"hold": choice.hold}
     if skew_s:
         record |= {"skew_s": skew_s}
         if _may_be_prompt(choice):
