@@ -66,6 +66,19 @@ def test_losses__of_one_column__are_placed_to_a_few_samples(lost: int) -> None:
     assert losses(command, position) == ()
 
 
+def test_losses__slow_motion_above_the_excitation__none_where_none_is_and_one_where_one_is() -> None:
+    """Witness: a sluggish motor by SciPy, whose position wanders slowly by more than it answers."""
+    rng = np.random.default_rng(5)
+    band = signal.butter(4, [20.0, 400.0], "bandpass", fs=4000.0, output="sos")
+    command = signal.sosfilt(band, rng.standard_normal(80_000))
+    answer = signal.sosfilt(signal.butter(2, 8.0, fs=4000.0, output="sos"), command)
+    wander = signal.sosfilt(signal.butter(2, 1.0, fs=4000.0, output="sos"), rng.standard_normal(80_000))
+    position = answer + 3.0 * answer.std() / wander.std() * wander
+    assert losses(command, position) == ()
+    (loss,) = losses(command[:-12], np.delete(position, np.arange(30_000, 30_012)))
+    assert (loss.lost, abs(loss.sample - 30_000) < 200) == (12, True)
+
+
 def test_identify__lost_samples__are_told_with_their_place_and_the_cut_that_helps(tmp_path, capsys) -> None:
     taken = replace(BY_NAME["64 samples lost"], seconds=4.0).make(3)
     record = Record(SPOILT_HZ, taken.command, taken.position)

@@ -148,11 +148,10 @@ def moved_between(command: FloatArray) -> FloatArray | None:
 
 def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
     """Return what was lost of command or position (n,), in order; nothing where their clocks are apart."""
-    half, later, alike = pieces_delays(command, position)
-    kept = later[alike > _ALIKE]
-    if kept.size < max(6, 0.5 * later.size) or clocks_apart_ppm(half, later, alike):
+    position, (half, later, alike) = _clearest(command, position)
+    spread = _scatter(later, alike)
+    if not np.isfinite(spread) or clocks_apart_ppm(half, later, alike):
         return ()
-    spread = max(1.4826 * float(np.median(np.abs(kept - np.median(kept)))), 1e-3)
     least = max(_JUMP, _DEVIATIONS * spread)
     jumps = (np.abs(later) > least) & (alike > _SEEN)
     blocks: list[LostBlock] = []
@@ -164,6 +163,22 @@ def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
             block = _placed(command, position, lost, sum(loss.lost for loss in blocks), (best, best + 4), half)
             blocks += [block] if block is not None else []
     return tuple(blocks)
+
+
+def _clearest(command: FloatArray, position: FloatArray) -> tuple[FloatArray, tuple[int, FloatArray, FloatArray]]:
+    """Return the position or the speed, (n,), whichever has the delays that scatter less, with `pieces_delays` of it:
+    slow motion of friction or drift hides a delay in the position, and noise of the sensor in the speed.
+    """
+    either = [(each, pieces_delays(command, each)) for each in (position, np.diff(position, prepend=position[:1]))]
+    return min(either, key=lambda each: _scatter(*each[1][1:]))
+
+
+def _scatter(later: FloatArray, alike: FloatArray) -> float:
+    """Return the standard deviation of the pieces' delays, samples; infinite where most are not known."""
+    kept = later[alike > _ALIKE]
+    if kept.size < max(6, 0.5 * later.size):
+        return np.inf
+    return max(1.4826 * float(np.median(np.abs(kept - np.median(kept)))), 1e-3)
 
 
 def _runs(marked: np.ndarray) -> list[range]:
@@ -273,4 +288,4 @@ def clock_skew_ppm(record: Record) -> float:
     """Return by how many millionths the clocks of the columns are apart, 0 where pieces of the record do not show
     it.
     """
-    return abs(clocks_apart_ppm(*pieces_delays(record.command, record.position)))
+    return abs(clocks_apart_ppm(*_clearest(record.command, record.position)[1]))
