@@ -44,7 +44,7 @@ _CHAIN = (
             "io.response": ("read_responses",),
         },
     ),
-    ("speech", {"api.speech": ("render", "play"), "api.items": ("waveforms",)}),
+    ("speech", {"api.speech": ("render", "play"), "api.listen": ("listen",), "api.items": ("waveforms",)}),
     ("people", {"api.experiment": ("simulate", "observe", "thresholds")}),
     ("paper", {"paper.reproduce": ("reproduce",)}),
     (

@@ -7,6 +7,7 @@ from tactuator.api.experiment import observe as observe
 from tactuator.api.experiment import simulate as simulate
 from tactuator.api.experiment import thresholds as thresholds
 from tactuator.api.items import waveforms as waveforms
+from tactuator.api.listen import listen as listen
 from tactuator.api.model import calibrate_sensor as calibrate_sensor
 from tactuator.api.model import identify as identify
 from tactuator.api.model import record as record

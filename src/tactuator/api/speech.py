@@ -310,7 +310,7 @@ def play(
     """
     source = open_reference(Path(reference))
     loaded = chosen_controller(display, controller)
-    with opened(rig, loaded.display, seed) as ready, _wishes() as wish, working("play", source.duration_s) as step:
+    with opened(rig, loaded.display, seed) as ready, wishes() as wish, working("play", source.duration_s) as step:
         ready.load(loaded)
         if isinstance(ready, SoundRig):
             ready.allow_gaps = True  # the listener notices a gap; it is counted and reported
@@ -320,7 +320,7 @@ def play(
 
 
 @contextmanager
-def _wishes() -> Iterator[Callable[[], Wish]]:
+def wishes() -> Iterator[Callable[[], Wish]]:
     """Yield a function that returns the request of the person at the keyboard; Ctrl-C and SIGTERM request a stop."""
     if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
         yield lambda: "run"

@@ -263,13 +263,15 @@ class KeepsTime:
     began_at: tick (sample of its run) of the first row of the last block or stream by the rig's own clock, `8000`; None
     before the first, and if the rig does not report it. rows_played: of that stream, as far as the rig has reported,
     `400`; on a board whose time continues that is more than the rows of which the trace has been read. waits: whether
-    time stops between blocks. speed: of presentation, 1 being real time; None for a rig with its own time.
+    time stops between blocks. speed: of presentation, 1 being real time; None for a rig with its own time. lead_s: by
+    which a stream is fed ahead of what is played, and a block is asked for before it is played.
     """
 
     began_at: int | None = None
     rows_played: int = 0
     waits: bool = False
     speed: float | None = None
+    lead_s: float = 0.0
 
 
 class HasFingers:

@@ -46,6 +46,43 @@ class Coding(Protocol):
         ...
 
 
+class CodingStream(Protocol):
+    """A coding at work on a live signal: causal, block by block.
+
+    rate_in_hz: of the sound that it takes, a multiple of the display's rate. delay_s: at frequencies that are felt,
+    hertz, by how much they follow the sound, seconds.
+    """
+
+    @property
+    def rate_in_hz(self) -> int: ...  # noqa: D102
+
+    @property
+    def delay_s(self) -> Mapping[float, float]: ...  # noqa: D102
+
+    def push(self, block: FloatArray) -> FloatArray:
+        """Return a mono block (n,) as (block, signals) at the display's rate."""
+        ...
+
+
+@runtime_checkable
+class LiveCoding(Coding, Protocol):
+    """A coding that works live as well."""
+
+    def live(self, rate_hz: int, block: int) -> CodingStream:
+        """Return the coding at work, from silence, for a display at that rate that plays blocks of `block` samples."""
+        ...
+
+
+def live_coding(coding: Coding) -> LiveCoding:
+    """Return a coding that works live. Raises BadInput for one that does not state its delay: it looks ahead."""
+    if not isinstance(coding, LiveCoding):
+        raise BadInput(
+            f"coding {coding.kind!r} cannot be causal: it has no `live` that states its delay",
+            "direct, bands, envelope, or another that has it; `render` takes this one from a file",
+        )
+    return coding
+
+
 def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> FloatArray:
     """Return ones and zeros, shape (signals, fingers): signal i goes to the fingers wanted[i]. Raises BadInput for a
     finger that is not there.

@@ -3,7 +3,7 @@
     band of speech -> rectify -> mean of a display's sample -> low-pass -> (x voicing gate) -> x carrier -> finger
 
 Filters are causal Butterworth, their states go on between blocks; the sum for each finger is band-limited below 300 Hz
-at the end, with linear phase.
+at the end, with linear phase from a file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
-from tactuator.speech.band_codings import band_limit_kernel
+from tactuator.speech.band_codings import band_limit_kernel, live_rate
+from tactuator.speech.causal import CausalBank, CausalStream, band_sections
 from tactuator.speech.coding import place
 from tactuator.speech.filters import filter_columns, resample
 
@@ -79,25 +80,70 @@ class Voicing:
 
 LOWEST_VOICE_HZ = 60.0
 POWER_FLOOR = 1e-12
+TOP_HZ = 290.0
+"""What is felt of the carriers and their sidebands is below."""
 
 
-def modulated(
-    speech: Iterable[FloatArray],
-    bands: tuple[EnvelopeBand, ...],
-    groups: tuple[tuple[str, ...], ...],
-    voicing: Voicing,
-    rate_hz: int,
-    step: int,
-) -> Iterator[FloatArray]:
-    """Yield speech (n,) at rate_hz as blocks (n / step, groups) at rate_hz / step: each group the sum of its bands."""
-    meter = _VoicingMeter(voicing, rate_hz, step) if any(band.gate != "always" for band in bands) else None
-    modulators = [(_Modulator(band, rate_hz, step), groups.index(band.fingers)) for band in bands]
-    for block in _in_steps(speech, step):
-        degree = np.ones(1) if meter is None else meter.degree(block)
-        output = np.zeros((len(block) // step, len(groups)))
-        for modulator, group in modulators:
-            output[:, group] += modulator.push(block, degree)
-        yield output
+class Modulators:
+    """Bands on their carriers at work: speech (n,) at rate_hz to (n / step, groups), each group the sum of its bands.
+
+    block: None, or the length that every block of speech has.
+    """
+
+    def __init__(
+        self,
+        bands: tuple[EnvelopeBand, ...],
+        groups: tuple[tuple[str, ...], ...],
+        voicing: Voicing,
+        rate_hz: int,
+        step: int,
+        block: int | None = None,
+    ) -> None:
+        self._bands, self._step, self._rate_hz = bands, step, rate_hz
+        self._groups = [groups.index(band.fingers) for band in bands]
+        self._ratio = voicing.ratio
+        self._gated = any(band.gate != "always" for band in bands)
+        self._carriers = [_Carrier(band.carrier_hz, rate_hz / step) for band in bands]
+        filters = [_butter(band.order, band.low_hz, band.high_hz, rate_hz) for band in bands]
+        smooth = [_butter(band.smooth_order, 0.0, band.smooth_hz, rate_hz / step) for band in bands]
+        if self._gated:
+            filters += [
+                _butter(2, LOWEST_VOICE_HZ, voicing.low_hz, rate_hz),
+                _butter(2, voicing.high_hz, None, rate_hz),
+            ]
+            smooth += [_butter(2, 0.0, voicing.smooth_hz, rate_hz / step)] * 2
+        self._filters = CausalBank(filters, rate_hz, block)
+        self._smooth = CausalBank(smooth, rate_hz / step, None if block is None else block // step)
+        self._rows = len(filters)
+
+    def push(self, block: FloatArray) -> FloatArray:
+        """Return a block whose length is a multiple of the step, modulated."""
+        filtered = self._filters.push(np.broadcast_to(block, (self._rows, len(block))))
+        half = [k for k, band in enumerate(self._bands) if band.rectifier == "half"]
+        filtered[half] = np.maximum(filtered[half], 0.0)
+        envelopes = self._smooth.push(_means(np.abs(filtered, out=filtered), self._step))
+        degree = self._voiced(*envelopes[len(self._bands) :]) if self._gated else np.ones(1)
+        output = np.zeros((envelopes.shape[1], max(self._groups) + 1))
+        for band, group, envelope, carrier in zip(self._bands, self._groups, envelopes, self._carriers, strict=False):
+            gain = 10.0 ** (band.gain_db / 20.0)
+            gate = {"always": 1.0, "voiced": degree, "unvoiced": 1.0 - degree}[band.gate]
+            output[:, group] += gain * envelope * gate * carrier.next(len(output))
+        return output
+
+    def _voiced(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the degree of voicing, sample by sample at the display's rate."""
+        low, high = low**2, high**2
+        return np.asarray(low / (low + self._ratio**2 * high + POWER_FLOOR))
+
+    def delay_s(self) -> dict[float, float]:
+        """Return, by carrier, by how much its envelope follows the sound: band-pass, mean and smoothing."""
+        delays: dict[float, float] = {}
+        top_hz, mean_s = 0.45 * self._rate_hz, 0.5 * (self._step - 1) / self._rate_hz
+        for k, band in enumerate(self._bands):
+            middle_hz = float(np.sqrt(max(band.low_hz, 1.0) * min(band.high_hz or top_hz, top_hz)))
+            late_s = self._filters.delay_s(k, middle_hz) + mean_s + self._smooth.delay_s(k, 1.0)
+            delays[band.carrier_hz] = max(late_s, delays.get(band.carrier_hz, 0.0))
+        return delays
 
 
 def _in_steps(blocks: Iterable[FloatArray], step: int) -> Iterator[FloatArray]:
@@ -114,49 +160,22 @@ def _in_steps(blocks: Iterable[FloatArray], step: int) -> Iterator[FloatArray]:
 
 
 def _means(samples: FloatArray, step: int) -> FloatArray:
-    """Return the mean of every `step` samples: the rectified signal at the display's rate."""
-    return np.asarray(samples.reshape(-1, step) @ np.full(step, 1.0 / step))
+    """Return the mean of every `step` samples of rows: the rectified signals at the display's rate."""
+    weights = np.full(step, 1.0 / step)
+    return np.stack([row.reshape(-1, step) @ weights for row in samples])
 
 
-class _Filter:
-    """A Butterworth filter whose state goes on from block to block; edges beyond half the rate let all through."""
-
-    def __init__(self, order: int, low_hz: float, high_hz: float | None, rate_hz: float) -> None:
-        top = 0.45 * rate_hz
-        low = min(low_hz, top)
-        if high_hz is None or high_hz >= top:
-            self._sections = scipy.signal.butter(order, low, "highpass", fs=rate_hz, output="sos")
-        elif low == 0.0:
-            self._sections = scipy.signal.butter(order, high_hz, "lowpass", fs=rate_hz, output="sos")
-        else:
-            self._sections = scipy.signal.butter(order, [low, high_hz], "bandpass", fs=rate_hz, output="sos")
-        self._state = np.zeros((len(self._sections), 2))
-
-    def push(self, block: FloatArray) -> FloatArray:
-        output, self._state = scipy.signal.sosfilt(self._sections, block, zi=self._state)
-        return np.asarray(output)
-
-
-class _Modulator:
-    """One band: rectified, smoothed, gated, on its carrier."""
-
-    def __init__(self, band: EnvelopeBand, rate_hz: float, step: int) -> None:
-        self._band, self._step, self._rate = band, step, rate_hz / step
-        self._filter = _Filter(band.order, band.low_hz, band.high_hz, rate_hz)
-        self._smooth = _Filter(band.smooth_order, 0.0, band.smooth_hz, self._rate)
-        self._gain = 10.0 ** (band.gain_db / 20.0)
-        self._carrier = _Carrier(band.carrier_hz, self._rate)
-
-    def push(self, block: FloatArray, degree: FloatArray) -> FloatArray:
-        signal_in = self._filter.push(block)
-        if self._band.rectifier == "full":
-            rectified = np.abs(signal_in, out=signal_in)
-        else:
-            rectified = np.maximum(signal_in, 0.0, out=signal_in)
-        envelope = self._gain * self._smooth.push(_means(rectified, self._step))
-        if self._band.gate != "always":
-            envelope = envelope * (degree if self._band.gate == "voiced" else 1.0 - degree)
-        return np.asarray(envelope * self._carrier.next(len(envelope)))
+def _butter(order: int, low_hz: float, high_hz: float | None, rate_hz: float) -> FloatArray:
+    """Return a Butterworth filter; edges beyond half the rate let all through."""
+    top = 0.45 * rate_hz
+    low = min(low_hz, top)
+    if high_hz is None or high_hz >= top:
+        edges, kind = low, "highpass"
+    elif low == 0.0:
+        edges, kind = high_hz, "lowpass"
+    else:
+        edges, kind = [low, high_hz], "bandpass"
+    return np.asarray(scipy.signal.butter(order, edges, kind, fs=rate_hz, output="sos"))
 
 
 class _Carrier:
@@ -176,23 +195,10 @@ class _Carrier:
         if self._second is None:
             return self._sine(start + np.arange(count))
         length = len(self._second)
-        return np.resize(np.roll(self._second, -(start % length)), count)
-
-
-class _VoicingMeter:
-    """The degree of voicing, sample by sample at the display's rate."""
-
-    def __init__(self, voicing: Voicing, rate_hz: float, step: int) -> None:
-        self._ratio, self._step = voicing.ratio, step
-        self._bands = (_Filter(2, LOWEST_VOICE_HZ, voicing.low_hz, rate_hz), _Filter(2, voicing.high_hz, None, rate_hz))
-        self._smooth = tuple(_Filter(2, 0.0, voicing.smooth_hz, rate_hz / step) for _ in self._bands)
-
-    def degree(self, block: FloatArray) -> FloatArray:
-        low, high = (
-            smooth.push(_means(np.abs(band.push(block)), self._step)) ** 2
-            for band, smooth in zip(self._bands, self._smooth, strict=True)
-        )
-        return np.asarray(low / (low + self._ratio**2 * high + POWER_FLOOR))
+        first = start % length
+        if first + count <= length:
+            return self._second[first : first + count]
+        return np.resize(np.roll(self._second, -first), count)
 
 
 OUR_BANDS = (
@@ -234,11 +240,21 @@ class EnvelopeCoding:
 
     def signals(self, blocks: Iterable[FloatArray], rate_in_hz: int, rate_hz: int) -> Iterator[FloatArray]:
         """Yield mono blocks (n,) at `rate_in_hz` as blocks (m, signals) at `rate_hz`."""
-        step = int(np.ceil(self.analysis_hz / rate_hz))
-        rate = step * rate_hz
+        rate, step = live_rate(rate_hz, self.analysis_hz)
         speech = resample(blocks, rate_in_hz, rate, 0.42 * min(rate, rate_in_hz))
-        kernel = band_limit_kernel((0.0, 0.0), (290.0, 20.0), rate_hz)
-        return filter_columns(modulated(speech, self.bands, self._groups(), self.voicing, rate, step), kernel)
+        kernel = band_limit_kernel((0.0, 0.0), (TOP_HZ, 20.0), rate_hz)
+        return filter_columns(map(self._modulators(rate, step).push, _in_steps(speech, step)), kernel)
+
+    def _modulators(self, rate_hz: int, step: int, block: int | None = None) -> Modulators:
+        return Modulators(self.bands, self._groups(), self.voicing, rate_hz, step, block)
+
+    def live(self, rate_hz: int, block: int) -> CausalStream:
+        """Return the coding at work: the file's own filters, but for the last, which is 50 dB down at 360 Hz."""
+        rate, step = live_rate(rate_hz, self.analysis_hz)
+        modulators, groups = self._modulators(rate, step, block * step), len(self._groups())
+        top = CausalBank([band_sections(0.0, TOP_HZ, rate_hz)] * groups, rate_hz, block)
+        delays = {hertz: late_s + top.delay_s(0, hertz) for hertz, late_s in modulators.delay_s().items()}
+        return CausalStream(rate, delays, lambda sound: top.push(modulators.push(sound).T).T)
 
 
 YUAN_2005 = EnvelopeCoding(

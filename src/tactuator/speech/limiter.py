@@ -66,13 +66,22 @@ class ChannelLimits:
 @lru_cache(maxsize=16)
 def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimits:
     """Return the limits of a channel for transforms of `size` samples at the controller's rate."""
+    peak, asked = all_limits(controller, name, size)
+    quiet = _quiet(scipy.fft.rfftfreq(size, 1.0 / controller.rate_hz))
+    norms = np.abs(scipy.fft.irfft(np.stack([each.response for each in asked]) * quiet, size)).sum(axis=1)
+    stated = zip(asked, norms.tolist(), strict=True)
+    binding = (each for each, norm in stated if BINDING_SHARE * each.limit / norm < peak)
+    return ChannelLimits(name, peak, tuple(binding))
+
+
+def all_limits(controller: Controller, name: str, size: int) -> tuple[float, list[Constraint]]:
+    """Return the greatest |r| that comfort allows on a channel, and every constraint of it, untouched and touched."""
     channel, designed = controller.display.channel(name), controller.channel(name).limits
     comfort = float(from_db(min(designed.comfort_db_sl, COMFORT_DB_SL) - SAFETY_DB))
     keep = float(from_db(-SAFETY_DB))
     command_v = keep * min(designed.command_v, channel.converter.range_v) - abs(channel.converter.offset_v)
     frequency = scipy.fft.rfftfreq(size, 1.0 / controller.rate_hz)
-    heard, quiet = frequency <= QUIET_ABOVE_HZ, _quiet(frequency)
-    raised = _raised(controller, name, frequency)
+    heard, raised = frequency <= QUIET_ABOVE_HZ, _raised(controller, name, frequency)
     asked, gain, weight = [], 1.0, channel.threshold.curve.displacement_mm(frequency)
     for load in (None, *(load.name for load in channel.loads)):
         prediction = ChannelPrediction.of(controller, name, load)
@@ -80,15 +89,11 @@ def channel_limits(controller: Controller, name: str, size: int) -> ChannelLimit
         felt = displacement / weight
         gain = max(gain, float(np.abs(felt[heard]).max()))
         asked += [
-            ("comfort", felt, comfort),
-            ("travel", displacement, keep * channel.travel_mm),
-            ("command", raised * prediction.command(frequency), command_v),
+            Constraint("comfort", felt, comfort),
+            Constraint("travel", displacement, keep * channel.travel_mm),
+            Constraint("command", raised * prediction.command(frequency), command_v),
         ]
-    peak = 0.25 * np.pi * comfort / gain
-    norms = np.abs(scipy.fft.irfft(np.stack([response for _, response, _ in asked]) * quiet, size)).sum(axis=1)
-    stated = zip(asked, norms.tolist(), strict=True)
-    binding = (Constraint(*each) for each, norm in stated if BINDING_SHARE * each[2] / norm < peak)
-    return ChannelLimits(name, peak, tuple(binding))
+    return 0.25 * np.pi * comfort / gain, asked
 
 
 def _raised(controller: Controller, name: str, frequency_hz: FloatArray) -> FloatArray | float:

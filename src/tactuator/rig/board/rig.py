@@ -84,7 +84,7 @@ class BoardRig(Rig):
             raise BadInput(
                 f"the board has {status.channels} channels; the display has {len(display.channels)}", "no more"
             )
-        self.waits, self._lead_s = waits and status.allows_hold, lead_s
+        self.waits, self.lead_s = waits and status.allows_hold, lead_s
         self._pause, self._sleep = sleep, _at_once if self.waits else sleep
         self._run, self.fed_to, self._drives = status.run, 0, False
         self._lag, self._lead_most = status.trace_capacity // 2, status.stream_capacity * 7 // 8
@@ -120,7 +120,7 @@ class BoardRig(Rig):
         Raises as `play` does.
         """
         self._require_controller()
-        return self._traces((self._rows(block) for block in blocks), False, self._lead_s)
+        return self._traces((self._rows(block) for block in blocks), False, self.lead_s)
 
     def drive(self, command_v: ArrayLike) -> Trace:
         """Drive the motors with a command (n, channels), volts, without controller; the guard watches."""

@@ -21,7 +21,7 @@ from tactuator.model.requirements import SoundCard
 from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.rig.rig import COMFORT_TOLERANCE, Rig, Trace, join_traces, take_rows
 from tactuator.rig.sound.cards import find_card, lasting_name, list_cards, sound_name
-from tactuator.rig.sound.stream import CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
+from tactuator.rig.sound.stream import POLL_S, CardGone, CardPort, CardRows, CardRun, Port, Rows, SoundGap
 from tactuator.runtime.simulation import block_samples, take_command, take_reference
 from tactuator.signals.decibels import db, from_db
 from tactuator.signals.discretise import discretise
@@ -120,6 +120,15 @@ class SoundRig(Rig):
         self._length = 0
         self.allow_gaps = False
         self.gaps = 0
+
+    @property
+    def lead_s(self) -> float:  # type: ignore[override]
+        """Time by which a run is fed ahead; no less than three looks at the rings."""
+        return self._run.lead / self.rate_hz
+
+    @lead_s.setter
+    def lead_s(self, seconds: float) -> None:
+        self._run.lead = max(1, round(max(seconds, 3.0 * POLL_S) * self.rate_hz))
 
     def feed_far_ahead(self) -> None:
         """Feed PATIENT_S ahead from now on, as unattended measurements do: computing between two blocks may

@@ -1,0 +1,1 @@
+"""Sound to fingers as it comes: sources, clocks, level, limits, and the stream of all of them."""

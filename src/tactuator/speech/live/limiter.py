@@ -1,0 +1,155 @@
+"""A limiter for a live signal: 5 ms of look-ahead, and limits that are kept by construction.
+
+At every moment there is a plan, in which the signal fades out within the look-ahead, and a prediction of what the
+display does under it: the felt signal, displacement and command of `all_limits`. No prediction of the plan is beyond
+its limit. The next block is a mixture of that plan and of the signal at the gain that is wanted (with a fade of its own
+behind it), with the greatest share of the latter that keeps every limit: the prediction is linear, the share follows
+from a division, and without any the plan goes on, which is within all limits. A plan's responses are followed for some
+tenths of a second; for what comes later, each limit is lower by the most that the greatest reference can make of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from tactuator.arrays import FloatArray
+from tactuator.model.controller import Controller
+from tactuator.speech.limiter import MEMORY_S, RELEASE_DB_PER_MS, all_limits
+
+Samples = NDArray[np.floating[Any]]
+LOOK_AHEAD_S = 0.005
+HORIZONS_S, LATER_SHARE, MOST_LATER_SHARE = (0.125, 0.25, 0.5, 1.0), 0.15, 0.5
+"""Responses are followed for the shortest time after which no more than the first share of a limit is left to come; at
+the longest, the greatest reference is lowered until no more than the second is."""
+BEFORE_SHARE = 0.2
+"""The threshold's weight has zero phase: so much of the horizon is followed before a sample."""
+LEAST_GAIN = 0.01
+"""A gain that comes back begins here, 40 dB down."""
+
+
+@dataclass(frozen=True, eq=False)
+class Horizon:
+    """The limits of all channels, followed from `before` samples before a sample to `after` samples after it.
+
+    peak: of the reference, (channels,). kernels: (constraints, before + after). limit: (constraints,). channel: of each
+    constraint.
+    """
+
+    before: int
+    after: int
+    peak: FloatArray
+    kernels: NDArray[np.float32]
+    limit: FloatArray
+    channel: NDArray[np.intp]
+
+
+def horizon_of(controller: Controller) -> Horizon:
+    """Return the limits of a controller's channels, those apart that no reference within its peak can reach."""
+    rate_hz, size = controller.rate_hz, round(MEMORY_S * controller.rate_hz)
+    each = [all_limits(controller, channel.name, size) for channel in controller.display.channels]
+    peak = np.array([most for most, _ in each])
+    channel = np.repeat(np.arange(len(each)), [len(asked) for _, asked in each])
+    limit = np.array([constraint.limit for _, asked in each for constraint in asked])
+    response = scipy.fft.irfft(np.stack([constraint.response for _, asked in each for constraint in asked]), size)
+    whole = np.abs(response).sum(axis=1)
+    for seconds in HORIZONS_S:
+        after = round(seconds * rate_hz)
+        before = round(BEFORE_SHARE * after)
+        kernels = np.hstack((response[:, -before:], response[:, :after]))
+        later = whole - np.abs(kernels).sum(axis=1)
+        if (later * peak[channel] <= LATER_SHARE * limit).all():
+            break
+    np.minimum.at(peak, channel, MOST_LATER_SHARE * limit / np.maximum(later, 1e-300))
+    reached = whole * peak[channel] > limit
+    lowered = (limit - later * peak[channel])[reached]
+    return Horizon(before, after, peak, kernels[reached].astype(np.float32), lowered, channel[reached])
+
+
+class LiveLimiter:
+    """Limits blocks of `block` rows (block, channels) for a controller; they come out LOOK_AHEAD_S later.
+
+    max_reduction_db: so far. reduced: rows in which something was taken back.
+    """
+
+    def __init__(self, controller: Controller, block: int) -> None:
+        self._limits = horizon_of(controller)
+        self._block, self.look_ahead = block, round(LOOK_AHEAD_S * controller.rate_hz)
+        self._rise = 10.0 ** (RELEASE_DB_PER_MS * 1e3 / controller.rate_hz / 20.0)
+        length = self.look_ahead + block
+        self._reach = self._limits.before + self._limits.after + length - 1
+        self._size = int(scipy.fft.next_fast_len(self._reach, real=True))
+        self._responses = scipy.fft.rfft(self._limits.kernels, self._size)
+        fade = 0.5 + 0.5 * np.cos(np.pi * (np.arange(self.look_ahead) + 0.5) / self.look_ahead)
+        self._window = np.concatenate((np.ones(block), fade))
+        self.max_reduction_db, self.reduced = 0.0, 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again with a display at rest."""
+        channels = len(self._limits.peak)
+        self._waiting = np.zeros((channels, self.look_ahead))
+        self._plan = np.ones((channels, 1)) * np.concatenate((self._window[self._block :], np.zeros(self._block)))
+        self._predicted = np.zeros((len(self._limits.limit), self._reach), np.float32)
+        self._gain = np.ones(channels)
+
+    def push(self, rows: FloatArray) -> FloatArray:
+        """Return the rows of LOOK_AHEAD_S before, limited."""
+        signal, now = np.hstack((self._waiting, rows.T)), np.maximum(self._gain, LEAST_GAIN)[:, None]
+        wanted = np.minimum(1.0, now * self._rise ** np.arange(1, signal.shape[1] + 1)) * self._window
+        effect = self._effect(signal * (wanted - self._plan))
+        excess = self._excess(signal * wanted, self._predicted + effect)
+        if (excess > 1.0).any():  # less of it, before any of it is given up
+            line = np.minimum(1.0, np.arange(1, signal.shape[1] + 1) / self._block)
+            lower = now * (1.0 - line * (1.0 - 1.0 / excess[:, None])) * self._window
+            wanted = np.where(excess[:, None] > 1.0, lower, wanted)
+            effect = self._effect(signal * (wanted - self._plan))
+        share = self._share(signal * self._plan, signal * (wanted - self._plan), effect)
+        self._predicted += share[self._limits.channel, None].astype(np.float32) * effect
+        return self._commit(signal, self._plan + share[:, None] * (wanted - self._plan))
+
+    def _effect(self, change: FloatArray) -> Samples:
+        """Return what a change of the plan adds to each prediction."""
+        spectrum = scipy.fft.rfft(change.astype(np.float32), self._size)[self._limits.channel] * self._responses
+        effect: Samples = scipy.fft.irfft(spectrum, self._size)[:, : self._reach]
+        return effect
+
+    def _excess(self, reference: FloatArray, predicted: Samples) -> FloatArray:
+        """Return, by channel, the greatest ratio to a limit."""
+        excess = np.maximum(reference.max(axis=1), -reference.min(axis=1)) / self._limits.peak
+        most = np.maximum(predicted.max(axis=1), -predicted.min(axis=1)) / self._limits.limit
+        np.maximum.at(excess, self._limits.channel, most)
+        return np.asarray(excess)
+
+    def _share(self, planned: FloatArray, change: FloatArray, effect: Samples) -> FloatArray:
+        """Return the greatest share of the change, from 0 to 1, with which each channel keeps its limits."""
+        share = _room(planned, change, self._limits.peak)
+        np.minimum.at(share, self._limits.channel, _room(self._predicted, effect, self._limits.limit))
+        return share
+
+    def _commit(self, signal: FloatArray, gains: FloatArray) -> FloatArray:
+        block = self._block
+        self._waiting, self._gain = signal[:, block:], gains[:, block - 1].copy()
+        self._plan = np.hstack((gains[:, block:], np.zeros((len(gains), block))))
+        self._predicted[:, :-block] = self._predicted[:, block:]
+        self._predicted[:, -block:] = 0.0
+        least = gains[:, :block].min(axis=0)
+        self.reduced += int(np.count_nonzero(least < 1.0))
+        self.max_reduction_db = max(self.max_reduction_db, -20.0 * float(np.log10(max(least.min(), 1e-10))))
+        return np.asarray((signal * gains)[:, :block].T)
+
+
+def _room(value: Samples, change: Samples, limit: FloatArray) -> FloatArray:
+    """Return, row by row, the greatest share in 0 to 1 with which |value + share x change| <= limit."""
+    room = np.ones(len(value))
+    reached = value + change
+    for row in np.flatnonzero((reached.max(axis=1) > limit) | (reached.min(axis=1) < -limit)):
+        left = np.maximum(limit[row] - np.sign(change[row]) * value[row], 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(change[row] != 0.0, left / np.abs(change[row]), 1.0)
+        room[row] = min(1.0, float(shares.min()))
+    return room

@@ -1,0 +1,109 @@
+"""From a source's clock to the display's: a resampler whose ratio a servo sets so that the buffer keeps its length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+
+CROSSINGS, PHASES, BETA, CUTOFF = 16, 512, 8.0, 0.94
+"""Zero crossings of the kernel on each side, its phases, Kaiser's beta (80 dB), and -6 dB as a share of half the slower
+rate."""
+MOST_DRIFT = 2e-3
+"""Clocks that differ by more are not two clocks of one rate."""
+SETTLE_S = 2.0
+"""Time constant of the servo: clocks 200 ppm apart then cost 0.4 ms of buffer until they are known."""
+LOOK_S = 0.25
+"""The buffer is looked at in a mean over this time, since a source gives its samples in pieces."""
+LATE_S = 0.02
+"""A buffer longer by this, after the program was held up, is cut back at once."""
+FADE_S = 0.005
+
+
+class ClockedResampler:
+    """Takes samples at rate_in_hz as they come and gives blocks at rate_out_hz as they are asked for.
+
+    target_s: length of the buffer that is kept. Where it runs empty, or is too long, the signal is faded out and taken
+    up again with a fade at the target: a drop-out. dropouts: how often that was. drift: of the source's clock against
+    the display's, as found. fill_s, worst_s: length of the buffer, and the greatest difference from the target since
+    `settled_s` after the beginning.
+    """
+
+    def __init__(self, rate_in_hz: int, rate_out_hz: int, target_s: float, settled_s: float = 10.0) -> None:
+        self._rate_in, self._rate_out, self._target_s = rate_in_hz, rate_out_hz, target_s
+        share = CUTOFF * min(1.0, rate_out_hz / rate_in_hz)
+        self._half = int(np.ceil(CROSSINGS / share))
+        self._table = _kernels(self._half, share)
+        self._samples, self._at = np.zeros(2 * self._half), float(self._half)
+        self._starved = True
+        self._fill, self._integral, self._given, self._settled = target_s, 0.0, 0, round(settled_s * rate_out_hz)
+        self.dropouts, self.drift, self.worst_s, self.ended = 0, 0.0, 0.0, False
+
+    @property
+    def delay_s(self) -> float:
+        """Return the delay of the kernel, seconds."""
+        return self._half / self._rate_in
+
+    @property
+    def fill_s(self) -> float:
+        """Return how much of the source waits, seconds."""
+        return (len(self._samples) - self._half - self._at) / self._rate_in
+
+    def push(self, samples: FloatArray) -> None:
+        """Take samples (n,) of the source."""
+        self._samples = np.concatenate((self._samples, samples))
+
+    def take(self, count: int) -> FloatArray:
+        """Return the next `count` samples."""
+        asked_s = count / self._rate_out
+        self._watch(asked_s)
+        step = self._rate_in / self._rate_out * (1.0 + self.drift)
+        spare_s = self.fill_s - asked_s - self._target_s
+        if self._starved:
+            if spare_s < 0.0 and not self.ended:
+                return np.zeros(count)
+            self._starved, self._fill = False, self._target_s
+            self._at += max(0.0, spare_s) * self._rate_in
+            return self._interpolate(count, step) * self._line(count)
+        if spare_s > LATE_S or (spare_s < -self._target_s and not self.ended):
+            self.dropouts, self._starved = self.dropouts + 1, True
+            return self._interpolate(count, step) * self._line(count)[::-1]
+        return self._interpolate(count, step)
+
+    def _line(self, count: int) -> FloatArray:
+        return np.minimum(1.0, np.arange(count) / max(1, min(count, round(FADE_S * self._rate_out))))
+
+    def _watch(self, asked_s: float) -> None:
+        """Set the drift by the mean length of the buffer before a block of `asked_s` is taken."""
+        if self._starved or self.ended:
+            return
+        self._fill += (self.fill_s - asked_s - self._fill) * min(1.0, asked_s / LOOK_S)
+        error_s = self._fill - self._target_s
+        self._integral += error_s * asked_s / (4.0 * SETTLE_S**2)
+        self.drift = float(np.clip(error_s / SETTLE_S + self._integral, -MOST_DRIFT, MOST_DRIFT))
+        self._given += round(asked_s * self._rate_out)
+        if self._given > self._settled:
+            self.worst_s = max(self.worst_s, abs(error_s))
+
+    def _interpolate(self, count: int, step: float) -> FloatArray:
+        positions = self._at + step * np.arange(count)
+        whole = np.floor(positions).astype(int)
+        missing = int(whole[-1]) + self._half + 1 - len(self._samples)
+        samples = self._samples if missing <= 0 else np.concatenate((self._samples, np.zeros(missing)))
+        windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * self._half)[whole - self._half + 1]
+        phase = (positions - whole) * PHASES
+        row = phase.astype(int)
+        part = (phase - row)[:, None]
+        kernels = (1.0 - part) * self._table[row] + part * self._table[row + 1]
+        self._at += step * count
+        gone = max(0, int(self._at) - self._half)
+        self._samples, self._at = samples[gone:], self._at - gone
+        return np.asarray(np.einsum("ij,ij->i", windows, kernels))
+
+
+def _kernels(half: int, share: float) -> FloatArray:
+    """Return the kernel, a windowed sinc, at every phase of a sample, (PHASES + 1, 2 half)."""
+    offset = np.arange(-half + 1, half + 1) - np.arange(PHASES + 1)[:, None] / PHASES
+    window = np.i0(BETA * np.sqrt(np.clip(1.0 - (offset / half) ** 2, 0.0, None))) / np.i0(BETA)
+    kernels = np.sinc(share * offset) * window
+    return np.asarray(kernels / kernels.sum(axis=1, keepdims=True))

@@ -1,0 +1,55 @@
+"""A live stream on a rig, from rest to rest however it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+from tactuator.errors import TimingMissed
+from tactuator.rig.rig import Rig
+from tactuator.speech.live.source import Source
+from tactuator.speech.live.stream import LiveState, LiveStream
+
+LEAD_S = 0.01
+"""By which a rig is fed ahead, as far as it can be so little."""
+REPORT_S = 0.05
+MOST_MISSES, SOUND_S = 3, 1.0
+"""A rig that misses its time so often, each less than a second after it began, is given up."""
+
+
+@contextmanager
+def fed_shortly(rig: Rig) -> Iterator[float]:
+    """Feed a rig as little ahead as it allows, and yield by how much, seconds."""
+    lead_s, rig.lead_s = rig.lead_s, min(rig.lead_s, LEAD_S)
+    try:
+        yield rig.lead_s
+    finally:
+        rig.lead_s = lead_s
+
+
+def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[LiveState], None]) -> None:
+    """Play a live stream on a loaded rig until it ends; `report` is called every REPORT_S.
+
+    A rig that misses its time is at rest for a moment, and goes on: a drop-out. Raises DeviceFault as `Rig.stream`
+    does, and TimingMissed after MOST_MISSES.
+    """
+    misses, since_s, unsaid = 0, 0.0, 0
+    try:
+        with closing(source):
+            while True:
+                try:
+                    for trace in rig.stream(stream.blocks()):
+                        unsaid += len(trace)
+                        if unsaid >= REPORT_S * rig.rate_hz:
+                            unsaid = 0
+                            report(stream.state)
+                    return
+                except TimingMissed:
+                    now_s = stream.state.seconds
+                    misses, since_s = (misses + 1 if now_s - since_s < SOUND_S else 1), now_s
+                    if misses >= MOST_MISSES:
+                        raise
+                    rig.rest()
+                    stream.lost()
+    finally:
+        rig.rest()

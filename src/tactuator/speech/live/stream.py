@@ -1,0 +1,157 @@
+"""The live stream: from a source to the reference of a rig, block by block, as the rig asks for it.
+
+source → resampler between two clocks → coding → gain and gate → fade of mute and end → limiter → rig
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactuator.arrays import FloatArray
+from tactuator.errors import BadInput
+from tactuator.model.controller import Controller
+from tactuator.signals.decibels import db
+from tactuator.speech.coding import Coding, live_coding
+from tactuator.speech.live.level import LevelSettings, LiveLevel
+from tactuator.speech.live.limiter import LOOK_AHEAD_S, LiveLimiter
+from tactuator.speech.live.resampling import ClockedResampler
+from tactuator.speech.live.source import Source, cleaned
+
+BLOCK_S = 0.004
+BUFFER_S = 0.003
+"""Kept of the source beyond its own pieces: a look at a busy machine's clock comes late by less."""
+FADE_S = 0.02
+"""Of mute and end."""
+HELD_S = 0.3
+"""Time in which a level shown falls by 20 dB."""
+
+
+USUAL = LevelSettings()
+
+
+@dataclass(frozen=True)
+class LiveState:
+    """A live stream now.
+
+    level_db_sl: peak of the reference by channel, falling slowly. fill_s, worst_s, drift, dropouts: see
+    `ClockedResampler`. not_numbers: samples of the source. taken_back_db, taken_back_s: by the limiter, so far.
+    """
+
+    seconds: float
+    level_db_sl: Mapping[str, float]
+    gain_db: float
+    gate_open: bool
+    muted: bool
+    fill_s: float
+    worst_s: float
+    drift: float
+    dropouts: int
+    not_numbers: int
+    taken_back_db: float
+    taken_back_s: float
+
+
+class LiveStream:
+    """A source as blocks of reference for a rig with `controller`.
+
+    clock: seconds by the display's clock; None: the rows given so far, for a rig whose time waits for them. muted: to
+    be set, at any time. stopped: whether `stop` was called. Raises
+    BadInput for a coding that cannot be causal, a display without its fingers, and a rate that is no whole number.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        controller: Controller,
+        coding: Coding,
+        level: LevelSettings = USUAL,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        rate = controller.rate_hz
+        if rate != int(rate):
+            raise BadInput(f"display runs at {rate:g} Hz", "a whole number of hertz, for speech")
+        self._names = tuple(channel.name for channel in controller.display.channels)
+        self._placement = coding.placement(tuple(channel.finger for channel in controller.display.channels))
+        self._source, self._clock, self._rate, self._block = source, clock, rate, max(1, round(BLOCK_S * rate))
+        self._coding = live_coding(coding).live(int(rate), self._block)
+        self._resampler = ClockedResampler(source.rate_hz, self._coding.rate_in_hz, BUFFER_S + source.piece_s)
+        self._level, self._limiter = LiveLevel(level, rate), LiveLimiter(controller, self._block)
+        self._shown = np.zeros(len(self._names))
+        self._rows = self._not_numbers = self._gaps = 0
+        self._fade, self.stopped, self.muted = 1.0, False, False
+
+    def delays(self) -> dict[str, float]:
+        """Return the delay of each stage but the coding, seconds."""
+        return {
+            "source": self._source.piece_s,
+            "buffer": BUFFER_S,
+            "resampler": self._resampler.delay_s,
+            "block": self._block / self._rate,
+            "limiter": self._limiter.look_ahead / self._rate,
+        }
+
+    @property
+    def coding_delays(self) -> Mapping[float, float]:
+        """Return the coding's delay, seconds, by the frequency that is felt."""
+        return self._coding.delay_s
+
+    def stop(self) -> None:
+        """Fade out, and end."""
+        self.stopped = True
+
+    def lost(self) -> None:
+        """Begin anew after the rig has missed its time: it is at rest."""
+        self._gaps += 1
+        self._limiter.reset()
+
+    def blocks(self) -> Iterator[FloatArray]:
+        """Yield blocks of reference (n, channels), threshold units, until the source has ended or `stop`."""
+        left = self._tail_s()
+        while left > 0.0:
+            if self.stopped:
+                left = min(left, FADE_S + LOOK_AHEAD_S)
+            yield self._next()
+            left -= self._block / self._rate if self._source.ended or self.stopped else 0.0
+
+    def _tail_s(self) -> float:
+        return sum(self.delays().values()) + max(self._coding.delay_s.values(), default=0.0) + FADE_S
+
+    def _next(self) -> FloatArray:
+        now_s = self._rows / self._rate if self._clock is None else self._clock()
+        samples, bad = cleaned(self._source.read(now_s))
+        self._not_numbers += bad
+        self._resampler.push(samples)
+        self._resampler.ended = self._source.ended
+        sound = self._resampler.take(self._block * self._coding.rate_in_hz // int(self._rate))
+        coded = self._coding.push(sound) @ self._placement
+        if not np.isfinite(coded).all():  # a coding of another package
+            coded = np.zeros(coded.shape)
+        rows = self._limiter.push(self._faded(self._level.push(coded)))
+        self._rows += len(rows)
+        fall = 10.0 ** (-len(rows) / self._rate / HELD_S)
+        self._shown = np.maximum(np.abs(rows).max(axis=0), fall * self._shown)
+        return rows
+
+    def _faded(self, rows: FloatArray) -> FloatArray:
+        towards = 0.0 if self.muted or self.stopped else 1.0
+        if self._fade == towards == 1.0:
+            return rows
+        step = np.sign(towards - self._fade) / (FADE_S * self._rate)
+        line = np.clip(self._fade + step * np.arange(1, len(rows) + 1), 0.0, 1.0)
+        self._fade = float(line[-1])
+        return np.asarray(rows * (0.5 - 0.5 * np.cos(np.pi * line))[:, None])
+
+    @property
+    def state(self) -> LiveState:
+        """Return the stream's state now."""
+        with np.errstate(divide="ignore"):
+            levels = dict(zip(self._names, db(self._shown).tolist(), strict=True))
+        resampler, limiter = self._resampler, self._limiter
+        return LiveState(
+            self._rows / self._rate, levels, self._level.gain_db, self._level.open, self.muted, resampler.fill_s,
+            resampler.worst_s, resampler.drift, resampler.dropouts + self._gaps, self._not_numbers,
+            limiter.max_reduction_db, limiter.reduced / self._rate,
+        )  # fmt: skip
