@@ -168,14 +168,15 @@ def _means(samples: FloatArray, step: int) -> FloatArray:
 def _butter(order: int, low_hz: float, high_hz: float | None, rate_hz: float) -> FloatArray:
     """Return a Butterworth filter; edges beyond half the rate let all through."""
     top = 0.45 * rate_hz
-    low = min(low_hz, top)
+    low, edges = min(low_hz, top), [low_hz, high_hz]
     if high_hz is None or high_hz >= top:
-        edges, kind = low, "highpass"
+        edges, kind = [low], "highpass"
     elif low == 0.0:
-        edges, kind = high_hz, "lowpass"
+        edges, kind = [high_hz], "lowpass"
     else:
-        edges, kind = [low, high_hz], "bandpass"
-    return np.asarray(scipy.signal.butter(order, edges, kind, fs=rate_hz, output="sos"))
+        kind = "bandpass"
+    edge = edges if len(edges) == 2 else edges[0]
+    return np.asarray(scipy.signal.butter(order, edge, kind, fs=rate_hz, output="sos"))
 
 
 class _Carrier:

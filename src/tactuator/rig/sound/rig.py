@@ -122,7 +122,7 @@ class SoundRig(Rig):
         self.gaps = 0
 
     @property
-    def lead_s(self) -> float:  # type: ignore[override]
+    def lead_s(self) -> float:
         """Time by which a run is fed ahead; no less than three looks at the rings."""
         return self._run.lead / self.rate_hz
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
@@ -41,8 +42,8 @@ class FileSource:
 
     piece_s = 0.0
 
-    def __init__(self, path: str | Path, drift: float = 0.0) -> None:
-        speech = scan_speech(path)
+    def __init__(self, path: str | PathLike[str], drift: float = 0.0) -> None:
+        speech = scan_speech(Path(path))
         self.rate_hz, self.notes, self.ended = speech.rate_hz, speech.notes, False
         self._pace = speech.rate_hz * (1.0 + drift)
         self._blocks: Iterator[FloatArray] = speech_blocks(speech)
@@ -66,7 +67,7 @@ class FileSource:
         self._blocks, self.ended = iter(()), True
 
 
-def open_source(name: str | Path | None) -> Source:
+def open_source(name: str | PathLike[str] | None) -> Source:
     """Return the source of that name: a file. Raises BadInput for what is no sound."""
     if name is None:
         raise BadInput("no --input", "a sound file")
