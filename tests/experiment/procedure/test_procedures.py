@@ -494,6 +494,23 @@ def test_unseen_notch__excluded__is_so_by_the_odds_of_its_own_trials() -> None:
         assert (found.trials[0, point] == 0) == (found.log_odds[0, point] <= -np.log(EXCLUDED_ODDS))
 
 
+def test_unseen_notch__two_right_answers_between_well_measured_neighbours__exclude_none() -> None:
+    """The neighbours' trials alone excluded a notch with skirts that reach them; a third of an octave has none."""
+    prior = CurvePrior(points=6, mains_hz=0.0, notch_share=0.0, edge_share=0.0)
+    answering = Answering(slopes=(2.0,), lapses=(0.02,), lapse_shares=(1.0,))
+    belief = CurveBelief(prior, answering)
+    for trial in range(100):
+        for point in (0, 1, 3, 4, 5):
+            belief.learn(np.array([point]), np.array([0.0]), np.array([trial % 5 > 0]))
+    level = round(2.0 * float(belief.curve(prior.frequency_hz).mean[0, 2])) / 2.0 + 2.0
+    for _ in range(2):
+        belief.learn(np.array([2]), np.array([level]), np.array([True]))
+    found, above = unseen_notch(belief), level - belief.curve(prior.frequency_hz).mean[0, 2]
+    psi = [float(answering.psi(np.array(above - down), np.array(2.0), np.array(0.02))) for down in (15.0, 0.0)]
+    assert found.log_odds[0, 2] == pytest.approx(2.0 * np.log(psi[0] / psi[1]), abs=0.3)
+    assert found.trials[0, 2] > 0
+
+
 @pytest.mark.parametrize("channel", ["pacinian", "other"])
 def test_kind__loss_of_one_channel__leaves_the_band_of_the_other(channel) -> None:
     kinds = [kind for kind in CurvePrior().kinds if kind.feature == channel]

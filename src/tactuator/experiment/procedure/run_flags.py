@@ -7,8 +7,9 @@ trial. The score divided by the root of that is standard normal where nothing mo
 
 A run of few trials of a curve may pass over a narrow notch: a trial at the threshold is answered rightly by luck once
 in three times even where the threshold is far higher. So the answers at and beside each frequency are held against a
-notch of UNSEEN_NOTCH_DB below the reported curve, as narrow as the distance of the points lets one be seen. It is
-excluded where the answers are EXCLUDED_ODDS times likelier without it. The number of trials follows from what one trial
+notch of UNSEEN_NOTCH_DB below the reported curve, both one as wide as the distance of the points and one that spares
+the neighbours: their answers alone must not exclude it. It is excluded where the answers are EXCLUDED_ODDS times
+likelier without either. The number of trials follows from what one trial
 gives on average, at the level that separates the two best: the Kullback-Leibler divergence of its outcomes.
 """
 
@@ -154,8 +155,8 @@ _TRIED_DB = np.arange(-2.0, 20.0, 0.5)
 class UnseenNotch:
     """What the trials say against a notch at each point, each (runs, points).
 
-    log_odds: log likelihood of the answers with a notch of UNSEEN_NOTCH_DB there over that without; where a notch
-    between two points is likelier than at either, both have its odds. trials: how many more about the point would
+    log_odds: log likelihood of the answers with a notch of UNSEEN_NOTCH_DB there over that without, of the likeliest
+    notch: at the point alone, about it, or between it and a neighbour. trials: how many more about the point would
     exclude it; 0 where it is excluded.
     """
 
@@ -173,7 +174,8 @@ def unseen_notch(belief: CurveBelief) -> UnseenNotch:
         np.stack([_with_notch(belief, curve, share, (decades - place) / width) for place in places], axis=1)
         for places in (decades, gaps)
     )
-    log_odds = at_points.copy()
+    alone, without = belief.likelihoods.at(curve + UNSEEN_NOTCH_DB), belief.likelihoods.at(curve)
+    log_odds = np.maximum(at_points, log_ratio(alone, without, share))
     log_odds[:, 1:] = np.maximum(log_odds[:, 1:], at_gaps)
     log_odds[:, :-1] = np.maximum(log_odds[:, :-1], at_gaps)
     missing = (log_odds + np.log(EXCLUDED_ODDS)) / _told_by_a_trial(belief, share)[:, None]
