@@ -201,6 +201,20 @@ RESPONSES = [
         words="'a .s.', named as frequency, is in s",
     ),
     Layout(
+        "angular without a unit", "omega,gain_db,phase_deg\n" + rows(HERTZ, DB, DEG), words="--frequency 'omega=Hz' or"
+    ),
+    Layout("a multiple", "Frequency [krpm],gain,phase (deg)\n" + rows(HERTZ, SIZE, DEG), words="no unit that is known"),
+    Layout("logarithms", "f [log10 Hz],gain,phase [deg]\n" + rows(HERTZ, SIZE, DEG), words="no frequency among"),
+    Layout("power", "f (Hz),|H|^2,phase (deg)\n" + rows(HERTZ, SIZE**2, DEG), words="no magnitude among"),
+    Layout("a share", "f (Hz),relative gain,phase (deg)\n" + rows(HERTZ, SIZE, DEG), words="no magnitude among"),
+    Layout("a lead with a sign", "f (Hz),gain,-phase (deg)\n" + rows(HERTZ, SIZE, -DEG), words="not read: '-phase"),
+    Layout(
+        "thousandths", "f (Hz),gain,phase [mdeg]\n" + rows(HERTZ, SIZE, 1e3 * DEG), words="--phase 'phase .mdeg.=deg'"
+    ),
+    Layout("two things in brackets", "f (Hz),gain (dB),phase (Degrees, wrapped)\n" + rows(HERTZ, DB, DEG)),
+    Layout("nepers", "f (Hz),gain [Np],phase [deg]\n" + rows(HERTZ, np.log(SIZE), DEG), said="'gain [Np]' in Np"),
+    Layout("linear, of a capital", "f (Hz),Gain,phase [deg]\n" + rows(HERTZ, SIZE, DEG), said="'Gain' in linear units"),
+    Layout(
         "coherence in percent",
         "freq,gain_db,phase_deg,coherence\n" + rows(HERTZ, DB, DEG, 0 * DB + 99.0),
         words="'coherence' goes from 99 to 99; expected 0 to 1",
@@ -231,6 +245,12 @@ def record_rows(**more: Any) -> str:
     return rows(TIME, COMMAND, POSITION, **more)
 
 
+SWAPPED = rows(TIME, POSITION, COMMAND)
+LABVIEW = (
+    "LabVIEW Measurement\t\nX_Columns\tNo\n***End_of_Header***\t\nChannels\t2\t\nSamples\t200\t200\n"
+    "Date\t2024/05/01\t2024/05/01\nTime\t12:00:00.5\t12:00:00.5\nX0\t0\t0\nDelta_X\t0.00025\t0.00025\n"
+    "***End_of_Header***\t\nX_Value\tCommand\tPosition\tComment\n"
+)
 RECORDS = [
     Layout("spreadsheet", "time_s,command_v,position_v\n" + PLAIN),
     Layout(
@@ -285,6 +305,23 @@ RECORDS = [
         "accelerometer", "time_s,current_A,acc (g)\n" + PLAIN, quantity="acceleration", said="is read as acceleration"
     ),
     Layout("current", "time_s,current_A,position_v\n" + PLAIN, said="'current_A' is read in A, where"),
+    Layout("position first, by unit", "time,laser (mm),amp (V)\n" + SWAPPED, said="'amp (V)' is read as the command"),
+    Layout("position first, by name", "time,encoder,motor\n" + SWAPPED, said="'motor' is read as the command"),
+    Layout("by their order", "time,a,b\n" + PLAIN, said="'a' is read as the command, 'b' as the position"),
+    Layout(
+        "an unknown unit", "time,command,position [inch]\n" + PLAIN, said="'position [inch]' has no unit that is known"
+    ),
+    Layout(
+        "time in tenths", "Time [0.1 ms],u,y\n" + rows(1e4 * TIME, COMMAND, POSITION), words="--time NAME or NAME=UNIT"
+    ),
+    Layout(
+        "a step in the head",
+        LABVIEW + "".join(f"\t{u:.9g}\t{y:.9g}\n" for u, y in zip(COMMAND, POSITION, strict=True)),
+        ".lvm",
+        said="head, 4000 Hz",
+    ),
+    Layout("a rate in the head", "# Sample rate: 4 kHz\nu,y\n" + rows(COMMAND, POSITION), said="head, 4000 Hz"),
+    Layout("two rates", "Rate: 8 kHz\nDecimated rate: 4 kHz\nu,y\n" + rows(COMMAND, POSITION), words="--rate-hz"),
     Layout("grams", "time_s,command_v,load (g)\n" + PLAIN, words="may be in grams.*=g'"),
     Layout(
         "a unit that contradicts",

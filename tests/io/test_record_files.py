@@ -53,11 +53,11 @@ def test_hdf5_and_matlab__our_own_variables_and_struct__come_back(tmp_path: Path
         ("t;u;y", (TIME, U, Y), ";", {}, ("", "")),
         ("time\tin\tout", (TIME, U, Y), "\t", {}, ("", "")),
         ("noise,torque_nm,angle_rad,clock_ms", (Y, U, Y, 1e3 * TIME), ",",
-         {"input": "torque_nm", "output": "angle_rad", "time": "clock_ms"}, ("nm", "")),
+         {"input": "torque_nm", "output": "angle_rad", "time": "clock_ms"}, ("nm", "rad")),
         (None, (U, Y), " ", {"rate_hz": RATE_HZ}, ("", "")),
         ("time_ms,u [V],pos [mm]", (1e3 * TIME, U, Y), ",", {}, ("V", "mm")),
         ("T [\u00b5s],u (mV),x ( \u03bcm )", (1e6 * TIME, U, Y), ",", {"time": "T [\u00b5s]"}, ("mV", "um")),
-        ("t;torque [Nm];x_\u00b5m", (TIME, U, Y), ";", {}, ("", "um")),
+        ("t;torque [Nm];x_\u00b5m", (TIME, U, Y), ";", {}, ("Nm", "um")),
     ],
     ids=["long", "letters", "words", "of one's own", "none", "brackets", "parentheses", "newton metres"],
 )  # fmt: skip
@@ -66,7 +66,11 @@ def test_csv__names_usual_told_or_none__are_found(tmp_path: Path, header, given,
     assert (read.command_unit, read.position_unit) == units
     np.testing.assert_allclose((read.command, read.position), (U, Y), rtol=1e-8)
     assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
-    assert read.remarks == ()
+    by_order = "'column1' is read as the command, 'column2' as the position (--input, --output)"
+    in_unit = f"is read in {units[0]}, where a display commands volts"
+    assert [remark for remark in read.remarks if remark != by_order and not remark.endswith(in_unit)] == []
+    assert (by_order in read.remarks) == (header is None)
+    assert len(read.remarks) == (header is None) + (units[0] not in ("", "V", "mV"))
 
 
 def test_csv__decimal_commas__are_numbers(tmp_path: Path) -> None:

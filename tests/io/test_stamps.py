@@ -59,6 +59,19 @@ def test_read_record__iso_dates__are_seconds(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.position, Y, atol=1e-8)
 
 
+def test_read_record__times_of_day__are_seconds_also_over_midnight(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    clock = (86399.5 + TIME) % 86400.0
+    rows = "".join(
+        f"2024-03-01,{int(t // 3600):02d}:{int(t % 3600 // 60):02d}:{t % 60:09.6f},{a},{b}\n"
+        for t, a, b in zip(clock, U, Y, strict=True)
+    )
+    path.write_text(f"date,time,command_v,position_v\n{rows}")
+    read = read_record(path)
+    assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
+    np.testing.assert_allclose(read.position, Y, atol=1e-8)
+
+
 @pytest.mark.parametrize(
     ("name", "time", "rate_hz", "says"),
     [

@@ -16,7 +16,7 @@ from tactuator.identification.fitted import POLYNOMIALS, Fitted, Resonance, reso
 from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.identification.hold import HOLDS, Hold
 from tactuator.identification.residual_tests import ResidualTests
-from tactuator.identification.trust import FASTEST, GROWING
+from tactuator.identification.trust import FASTEST, GROWING, VALID
 from tactuator.identification.uncertainty import fit_of_model, response_of_rows
 from tactuator.model.plant_model import DB, Z95, PlantModel, QualityCheck, reasons
 from tactuator.plain import picked, with_error
@@ -174,7 +174,7 @@ class Identification(Fitted):
 
     def notices(self) -> Sequence[str]:
         """Return doubts about the model, and what may help."""
-        unlikely = any(row.refuses and row.name in (GROWING.name, FASTEST.name) for row in self.model.trust)
+        unlikely = any(row.refuses and row.name in (GROWING.name, FASTEST.name, VALID.name) for row in self.model.trust)
         return [*super().notices(), *([_HELPS] if unlikely or (self.tests.feedback and not self.holds) else [])]
 
     def chart(self) -> Chart:

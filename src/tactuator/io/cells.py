@@ -24,11 +24,14 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[-+]\d\d:?
 _STAMP = re.compile(
     r"(\d{1,4}[-/]\d{1,2}[-/]\d{1,4}|\d{1,2}\.\d{1,2}\.\d{2,4})?[T ]?(\d{1,2}:\d\d(:\d\d([.,:]\d+)?)?)? ?(Z|AM|PM)?"
 )
+_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 POLAR, CARTESIAN = ("dB", "deg"), ("real", "imag")
 
 
 def cell_value(cell: str) -> float | None:
-    """Return the number of a cell, NaN for an empty one, seconds since 1970 for a date with time; None for a text."""
+    """Return the number of a cell, NaN for an empty one, seconds since 1970 of a date with time and since midnight of a
+    time of day; None for a text.
+    """
     text = cell.strip("'\" ").replace("\u2212", "-")
     if _NUMBER.fullmatch(text):
         return float(text.upper().replace("D", "E"))
@@ -45,6 +48,8 @@ def cell_value(cell: str) -> float | None:
         except ValueError:
             return None
         return (read if read.tzinfo else read.replace(tzinfo=UTC)).timestamp()
+    if clock := _CLOCK.fullmatch(text):
+        return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3].replace(",", "."))
     return None
 
 

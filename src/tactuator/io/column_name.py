@@ -13,23 +13,24 @@ _KINDS: Mapping[str, Mapping[str, float]] = {
     "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9, "mHz": 1e-3, "rpm": 1.0 / 60.0, "cpm": 1.0 / 60.0},
     "angular": {"rad/s": 0.5 / math.pi, "rad/sec": 0.5 / math.pi},
     "time": {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "usec": 1e-6,
-             "ns": 1e-9, "nsec": 1e-9, "min": 60.0},
+             "ns": 1e-9, "nsec": 1e-9, "millisecond": 1e-3, "milliseconds": 1e-3, "microsecond": 1e-6,
+             "microseconds": 1e-6, "min": 60.0, "hour": 3600.0, "hours": 3600.0},
     "angle": {**dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), math.pi / 180.0),
               **dict.fromkeys(("rad", "radian", "radians"), 1.0), "mrad": 1e-3, "pi rad": math.pi,
               "gon": math.pi / 200.0,
               **dict.fromkeys(("cycle", "cycles", "turn", "turns"), 2.0 * math.pi)},
-    "level": {"dB": 1.0, "decibel": 1.0, "decibels": 1.0},
+    "level": {"dB": 1.0, "decibel": 1.0, "decibels": 1.0, "mdB": 1e-3, "Np": 20.0 / math.log(10.0)},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6},
     "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3, "volt": 1.0, "volts": 1.0},
     "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "amp": 1.0, "amps": 1.0, "ampere": 1.0, "amperes": 1.0},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "share": {"%": 0.01, "percent": 0.01},
+    "share": {"%": 0.01, "percent": 0.01, "ppm": 1e-6},
     "torque": {"Nm": 1.0, "N m": 1.0, "mNm": 1e-3},
     "impedance": {"ohm": 1.0, "ohms": 1.0, "\u03c9": 1.0},
 }  # fmt: skip
-"""Units by kind, each with its factor to the kind's own: Hz, s, rad, m, m/s, m/s², V, A, N, ohm."""
+"""Units by kind, each with its factor to the kind's own: Hz, s, rad, dB, m, m/s, m/s², V, A, N, ohm."""
 QUANTITIES = ("displacement", "velocity", "acceleration")
 _WORDS = {
     "displacement": "displ|posit|deflec|excurs|stroke|travel|(pos|disp)$",
@@ -76,22 +77,28 @@ def unit_of(text: str) -> Unit | None:
     if ratio := re.fullmatch(r"\(?(.+?)\)?/\(?(?:[mk]?V|[mu]?A|[mk]?N)\)?", plain):
         return unit_of(ratio[1])
     if plain.casefold() == "grad":
-        raise BadInput(f"the unit {text!r} may be degrees or gradians", "deg or gon")
+        raise BadInput(f"the unit {text!r} may be degrees or gradians", "deg or gon, as NAME=UNIT")
     alike = [unit for name, unit in _UNITS.items() if name.casefold() == plain.casefold()]
     if len(alike) > 1:
-        raise BadInput(f"the unit {text!r} may be {' or '.join(unit.text for unit in alike)}", "one spelt as these are")
+        raise BadInput(
+            f"the unit {text!r} may be {' or '.join(unit.text for unit in alike)}",
+            "one spelt as these are, as NAME=UNIT",
+        )
     one_letter = len(plain) == 1 and plain.casefold() not in _ONE_LETTER
     return alike[0] if alike and not one_letter else None
 
 
 @dataclass(frozen=True)
 class ColumnName:
-    """The name of a column. text: as the file has it; base: without its unit; is_stated: another place has its unit."""
+    """The name of a column. text: as the file has it; base: without its unit; is_stated: another place has its unit;
+    unknown: what its brackets have where that is no unit.
+    """
 
     text: str
     base: str
     unit: Unit = NO_UNIT
     is_stated: bool = False
+    unknown: str = ""
 
     @property
     def words(self) -> frozenset[str]:
@@ -102,6 +109,11 @@ class ColumnName:
     def has(self, *starts: str) -> bool:
         """Return whether one of its words begins so."""
         return any(word.startswith(starts) for word in self.words)
+
+    @property
+    def is_unknown(self) -> bool:
+        """Return whether it has brackets, and no unit that is known."""
+        return bool(self.unknown) and not self.unit.text
 
     @property
     def quantity(self) -> str:
@@ -139,10 +151,20 @@ def column_name(text: str, stated: str = "") -> ColumnName:
 
 def _split(text: str) -> ColumnName:
     plain = text.strip()
+    found = None
     for pattern in (r"[\[({](.*)[\])}]\s*$", r"[\[({]([^\[\](){}]*)[\])}]\s*$"):
         found = re.search(pattern, plain)
-        if found and (unit := unit_of(found[1])):
+        if found and (unit := unit_of(found[1]) or unit_of(found[1].partition(",")[0])):
             return ColumnName(text, plain[: found.start()], unit)
+    if not found:
+        return _unbracketed(text, plain)
+    # a unit within the brackets may be a part of another one: 10 ms, log Hz; f(x) has none there
+    named = _unbracketed(text, plain[: found.start()].strip())
+    unknown = found[1].strip() if re.search(r"[\s_]\(|[\[{]", plain) else ""
+    return replace(named, base=f"{named.base} {found[0]}", unknown=unknown)
+
+
+def _unbracketed(text: str, plain: str) -> ColumnName:
     parts = list(re.finditer(r"[\s_/,.:\-]+", plain))
     for mark in parts[-3:]:
         ending = plain[mark.end() :]

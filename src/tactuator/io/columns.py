@@ -29,7 +29,7 @@ MOST_VALUES = 32_000_000
 @dataclass(frozen=True, eq=False)
 class Columns:
     """Columns of a file. values: column name to (n,), all of one length unless the format allows others. rate_hz: of
-    the file, if it says.
+    the file, if it says. head_hz: of the head over its columns, which may be another than that of what was written.
 
     attributes: plain text that the file carries. cut: rows beyond MOST_SAMPLES were left unread. remarks: on what is
     amiss and was left out.
@@ -41,6 +41,7 @@ class Columns:
     attributes: Mapping[str, str] = field(default_factory=dict)
     cut: bool = False
     remarks: tuple[str, ...] = ()
+    head_hz: float | None = None
 
 
 def read_columns(path: Path) -> Columns:
@@ -87,7 +88,7 @@ def _read_text(path: Path) -> Columns:
     if table.footer:
         remarks += (f"lines of text below the rows are left out: {table.footer!r}",)
     columns = {name: values[:, k] for k, name in enumerate(table.names)}
-    return Columns(columns, units=table.units, cut=table.cut, remarks=remarks)
+    return Columns(columns, units=table.units, cut=table.cut, remarks=remarks, head_hz=table.rate_hz)
 
 
 def _read_matlab(path: Path) -> Columns:

@@ -14,7 +14,7 @@ from tactuator.errors import BadInput, named_file, within
 from tactuator.io.columns import read_columns
 from tactuator.io.kinds import require_kind
 from tactuator.io.model import FORMAT, parse_model
-from tactuator.io.response_table import are_of_response, response_of
+from tactuator.io.response_table import NO_NAMES, ResponseColumns, are_of_response, response_of
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Recorded
 from tactuator.model.plant import system_of
@@ -55,19 +55,23 @@ def given_plant(plant: Any, beside: Path, where: str, looped: bool) -> GivenPlan
         raise BadInput("missing", "a table, or the path of a file", where=(where,), key="plant")
     if isinstance(plant, list):
         return _of_several(plant, beside, where)
+    columns = NO_NAMES
+    if isinstance(plant, Mapping) and isinstance(plant.get("file"), str):
+        columns = from_table(ResponseColumns, {key: plant[key] for key in plant if key != "file"}, where, "plant")
+        plant = plant["file"]
     if not isinstance(plant, str):
         return GivenPlant({"plant": system_of(plant, where, "plant")}, _leading(plant))
     with named_file(beside / plant, "plant"):
-        return _of_file(beside / plant, where, looped)
+        return _of_file(beside / plant, where, looped, columns)
 
 
-def _of_file(path: Path, where: str, looped: bool) -> GivenPlant:
+def _of_file(path: Path, where: str, looped: bool, columns: ResponseColumns) -> GivenPlant:
     with within(where, "plant"):
         require_kind(path, "model", "response")
     response = None
     if path.suffix.lower() != ".json" and path.is_file():
         with within(where, f"plant {path}"):
-            response = _response(path, path.stat().st_mtime_ns)
+            response = _response(path, path.stat().st_mtime_ns, columns)
     return _of_model(path, where) if response is None else _of_response(response, path, where, looped)
 
 
@@ -173,13 +177,17 @@ def _of_response(response: FrequencyResponse, path: Path, where: str, looped: bo
 
 
 @lru_cache(maxsize=16)
-def _response(path: Path, changed_ns: int) -> FrequencyResponse | None:
+def _response(path: Path, changed_ns: int, names: ResponseColumns) -> FrequencyResponse | None:
     """Return the response of a file, one for all channels that name it; None for another file."""
     with path.open("rb") as file:
         if file.read(64).lstrip().startswith(b"{"):
             return None
     columns = read_columns(path)
-    return response_of(path, columns) if are_of_response(columns) else None
+    try:
+        return response_of(path, columns, names) if are_of_response(columns, names) else None
+    except BadInput as error:  # an option of `identify` is here a key
+        error.allowed += "; in a display: plant = { file = ..., phase = ... }"
+        raise
 
 
 _fitted = lru_cache(maxsize=16)(plant_of_response)

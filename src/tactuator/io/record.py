@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,7 +33,7 @@ _LARGEST = 1e100
 """Beyond it, and below its inverse, an estimate's powers are no numbers."""
 
 FORMAT = "tactuator-record/1"
-INPUT_NAMES = ("command_v", "command", "input", "u", "voltage", "in", "uest", "vir", "torque", "force", "current")
+INPUT_NAMES = ("command_v", "command", "input", "u", "in", "voltage", "uest", "vir", "torque", "force", "current")
 OUTPUT_NAMES = ("position_v", "position", "output", "y", "out", "yest", "qm", "angle", "displacement", "velocity")
 REFERENCE_NAMES = ("reference", "reference_v", "setpoint", "ref")
 TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds", "x_value")
@@ -142,10 +143,17 @@ def _assemble(
         stamps, of_clock = read_clock(columns.values[clock.text], factor, known)
         remarks += of_clock
     elif known is None:
-        raise BadInput("there is no rate and no time stamps", "a time column, or the rate in Hz")
+        if (known := columns.head_hz) is None:
+            raise BadInput("there is no rate and no time column", "--time NAME or NAME=UNIT, or --rate-hz")
+        remarks.append(f"the rate is that of the file's head, {known:g} Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
-    if u_column.unit.kind in ("current", "force"):
-        remarks.append(f"the command {u_name!r} is read in {u_column.unit.text}, where a display commands volts")
+    usual = {_plain(u_column.base), _plain(y_column.base)} & {*INPUT_NAMES, *OUTPUT_NAMES}
+    if input is None and output is None and not usual:
+        remarks.append(f"{u_name!r} is read as the command, {y_name!r} as the position (--input, --output)")
+    units = _unit(columns, u_column), _unit(columns, y_column)
+    if units[0] and u_column.unit.kind != "voltage":
+        remarks.append(f"the command {u_name!r} is read in {units[0]}, where a display commands volts")
+    remarks += [f"{name.text!r} has no unit that is known" for name in (u_column, y_column) if name.is_unknown]
     quantity = y_column.quantity
     if quantity not in ("", "displacement") and "quantity" not in about:
         about["quantity"] = quantity
@@ -157,7 +165,6 @@ def _assemble(
     table = _Rows(names, (u, y) if r is None else (u, y, r), stamps, known)
     if from_s is not None or to_s is not None:
         table, about = table.between(from_s, to_s), without_periods(about)
-    units = _unit(columns, u_column), _unit(columns, y_column)
     return _records(table, units, about, remarks)
 
 
@@ -274,8 +281,8 @@ _OF_SIGNALS = ("voltage", "current", "force", *QUANTITIES)
 
 
 def _unit(columns: Columns, column: ColumnName) -> str:
-    """Return the unit of a signal, as a model names it."""
-    return column.unit.text if column.unit.kind in _OF_SIGNALS else columns.units.get(column.text, "")
+    """Return the unit of a signal, as a model names it; one that is not known as the file has it."""
+    return column.unit.text or columns.units.get(column.text, "")
 
 
 def _by_unit(columns: Columns) -> ColumnName | None:
@@ -331,7 +338,7 @@ def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str
     if asked is not None:
         return asked_column(columns, asked, what)
     names = _names_of(columns, reversed(list(columns.values)))
-    usable = [name for name in names if columns.values[name.text].size > 1]
+    usable = [name for name in names if np.isfinite(columns.values[name.text]).sum() > 1]
     named = {_plain(name.base): name for name in usable} | {_plain(name.text): name for name in usable}
     named |= {name.text.lower(): name for name in usable}
     return next((named[name] for name in usual if name in named), None)
@@ -347,7 +354,7 @@ def _signals(
     if len(rest) > 2:
         rest = [name for name in rest if _plain(name.base) not in REFERENCE_NAMES]
     if u is None and y is None and len(rest) == 2:
-        u, y = rest
+        u, y = sorted(rest, key=_leans)
     elif u is None and y is not None and len(rest) == 2 and y.text in beside:
         u = next(name for name in rest if name.text != y.text)
     elif y is None and u is not None and len(rest) == 2 and u.text in beside:
@@ -361,6 +368,16 @@ def _signals(
     if u.text == y.text:
         raise BadInput(f"input and output are both {u.text!r}", "two different columns")
     return u, y
+
+
+_OF_COMMAND = re.compile(r"driv|actuat|excit|stimul|control|demand|motor|ampl|amp$|dac|ao\d|source|soll|cmd|comm")
+_OF_POSITION = re.compile(r"sens|encod|respon|measur|feedb|laser|lvdt|probe|gauge|pickup|adc|ai\d|ist")
+
+
+def _leans(column: ColumnName) -> int:
+    """Return 1 for a column that is a position rather than a command by its name or unit, -1 the other way round."""
+    is_position = column.quantity != "" or any(map(_OF_POSITION.match, column.words))
+    return is_position - any(map(_OF_COMMAND.match, column.words))
 
 
 def write_record(path: str | Path, record: Record) -> None:

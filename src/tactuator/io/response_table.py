@@ -14,8 +14,11 @@ from tactuator.errors import BadInput, unknown, within
 from tactuator.io.column_name import QUANTITIES, ColumnName, column_name, unit_of
 from tactuator.io.columns import Columns, read_columns
 from tactuator.io.kinds import require_kind
+from tactuator.parameters import table
 from tactuator.signals.record import FrequencyResponse
 
+_LIKE_ANGLE = re.compile("(?i)deg|rad|arc|cyc|rev|turn|perc|[%\u00b0\u03c0]")
+"""Texts in brackets that are a unit of an angle, if not one that is known."""
 _TYPICAL = 0.01
 """Relative error of a magnitude that comes without one: a tenth of a decibel."""
 _LEAST_TURN_DEG = 45.0
@@ -29,7 +32,7 @@ _LINEAR = ("", "displacement", "velocity", "acceleration", "voltage", "current",
 _PLAIN_NAMES = {"magnitude", "magnitude_db", "gain", "gain_db", "phase_deg", "phase_rad", "real", "imag", "imaginary"}
 
 
-@dataclass(frozen=True)
+@table("plant")
 class ResponseColumns:
     """Names of a response's columns, each perhaps with its unit as NAME=UNIT; ignore: those that are left unread."""
 
@@ -49,9 +52,10 @@ NO_NAMES = ResponseColumns()
 
 _ASIDE = re.compile(
     "confid|noise|error|std|deviat|distort|thd|floor|delay|group|latency|uncert|limit|target|minim|maxim|toleran|snr|"
-    "attenuat|loss|weight|lag$"
+    "attenuat|loss|weight|lag$|squar|power|invers|recipr|normal|relativ|index|bin$|neg|log(10)?$|x10+$|\u00b2$"
 )
 """Beginnings of words that make a column something else than the response itself."""
+_CHANGED = re.compile(r"^\s*[-\u2212]|\^\s*2|^1\s*/|(?i:freq\w*\s+ratio)")
 _ROLES = (
     ("coherence", "coher|coh$|cxy$|gamma2$|\u03b32$", ("",)),
     ("imaginary", "imag|im$", _LINEAR),
@@ -76,7 +80,7 @@ def role_of(column: ColumnName) -> str:
     words, kind = column.words, column.unit.kind
     if "confidence" in words and kind == "level":
         return "confidence"
-    if any(map(_ASIDE.match, words)):
+    if any(map(_ASIDE.match, words - ({"log"} if kind == "level" else set()))) or _CHANGED.search(column.text):
         return ""
     words = words - {"re"} if "db" in words else words
     for role, starts, kinds in _ROLES:
@@ -153,6 +157,9 @@ class _Reader:
         frequency = self.one("frequency", self.asked.frequency, ("frequency",), ("frequency", "angular", ""))
         if frequency is None:
             raise BadInput(f"no frequency among {self._list()}", "a column frequency_hz, or --frequency NAME")
+        if frequency.unit.kind == "" and (frequency.unknown or frequency.words & {"omega", "\u03c9", "w"}):
+            allowed = f"--frequency {frequency.text + '=Hz'!r} or {frequency.text + '=rad/s'!r}"
+            raise BadInput(f"the frequency {frequency.text!r} has no unit that is known", allowed)
         hertz = self.values(frequency) * frequency.unit.factor
         self.names = [column for column in self.names if self.values(column).size == hertz.size]
         said = self._said()
@@ -233,7 +240,8 @@ class _Reader:
         return [column for column in sizes if column is not None]
 
     def _linear(self, column: ColumnName) -> FloatArray:
-        return np.asarray(10.0 ** (self.values(column) / 20.0)) if _is_level(column) else self.values(column)
+        values = self.values(column)
+        return np.asarray(10.0 ** (values * column.unit.factor / 20.0)) if _is_level(column) else values
 
     def _radians(self, column: ColumnName) -> FloatArray:
         """Return a phase in radians. Raises BadInput for one without a unit that may be either."""
@@ -241,7 +249,7 @@ class _Reader:
         if unit.kind == "angle":
             return values * unit.factor
         largest = _largest(values)
-        if 0.0 < largest <= _LEAST_TURN_DEG:
+        if 0.0 < largest <= _LEAST_TURN_DEG or _LIKE_ANGLE.search(column.unknown):
             got = f"the phase {column.text!r} has no unit and stays within {largest:.3g}: degrees or radians"
             raise BadInput(got, f"--phase {column.text + '=deg'!r} or --phase {column.text + '=rad'!r}")
         return np.radians(values)
@@ -331,8 +339,8 @@ class _Said:
             if role_of(column) == "phase" and self.phase is not None and column.unit.kind != "angle":
                 largest = _largest(np.degrees(self.phase))
                 said.append(f"the phase {column.text!r} has no unit and is read in degrees (it goes to {largest:.3g})")
-            elif column.text.casefold() not in _PLAIN_NAMES:
-                unit = "dB" if _is_level(column) else column.unit.text
+            elif column.text not in _PLAIN_NAMES:
+                unit = column.unit.text or ("dB" if _is_level(column) else "linear units")
                 named.append(f"{column.text!r}{f' in {unit}' if unit else ''}")
         return [*([f"the response is read in {', '.join(named)}"] if named else []), *said]
 

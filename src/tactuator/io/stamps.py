@@ -81,7 +81,10 @@ def read_stamps(time_s: FloatArray, rate_hz: float | None, first: int = 0) -> St
         raise BadInput(f"{time_s.size} time stamps", "3 or more")
     bad = np.flatnonzero(~np.isfinite(time_s))
     if bad.size:
-        raise BadInput(f"the time stamp in row {first + bad[0] + 1} is not a number", "seconds")
+        raise BadInput(
+            f"the time stamp in row {first + bad[0] + 1} is not a number",
+            "seconds, 12:30:05.25, or dates as 2024-05-01T12:30:05.25",
+        )
     step = np.diff(time_s)
     back = np.flatnonzero(step <= 0.0)
     if np.all(step >= 0.0) and back.size > _REPEATED * step.size and time_s[-1] > time_s[0]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from tactuator.errors import BadInput
 from tactuator.io.cells import cell_pair, cell_value, check_commas, is_comment, is_empty, is_stamp, pair_units, parts
-from tactuator.io.column_name import column_name, is_units
+from tactuator.io.column_name import column_name, is_units, unit_of
 
 DELIMITERS = ("\t", ";", ",", None)
 _FIRST_ROWS = 200
@@ -32,7 +32,8 @@ _LETTERS = {"t", "u", "y", "f", "x", "hz", "db", "re", "im", "in", "out", "deg",
 @dataclass(frozen=True)
 class Layout:
     """How a table is written. delimiter: between cells, None for blanks; head: lines before the rows of numbers;
-    width: cells of a row; names, units: of the columns; pairs: cells of two numbers each, by their place.
+    width: cells of a row; names, units: of the columns; pairs: cells of two numbers each, by their place; rate_hz: that
+    the head states.
     """
 
     delimiter: str | None
@@ -42,6 +43,7 @@ class Layout:
     units: dict[str, str] = field(default_factory=dict)
     pairs: frozenset[int] = frozenset()
     has_decimal_commas: bool = False
+    rate_hz: float | None = None
 
     def is_row(self, line: str) -> bool:
         """Return whether a line below the head is one of the table."""
@@ -79,7 +81,9 @@ def find_layout(lines: Sequence[str], ending: str = "") -> Layout | None:
     width = statistics.mode(len(row.cells) for row in numeric)
     among = [row.cells for row in numeric if len(row.cells) == width]
     usual = [k for k in range(width) if 2 * sum(_is_number(cells[k]) for cells in among) > len(among)]
-    start = _start(rows, width, usual)
+    blank = [k for k in range(min(usual, default=0)) if 2 * sum(is_empty(cells[k]) for cells in among) > len(among)]
+    # a line that has something there is one of the head
+    start = _start([row for row in rows if not _fills(row, blank)], width, usual)
     if start is None:
         return None
     below = [row.cells for row in rows if row.place >= start and len(row.cells) == width]
@@ -95,7 +99,27 @@ def find_layout(lines: Sequence[str], ending: str = "") -> Layout | None:
     named = _expanded(names, pairs, width)
     commas = delimiter != "," and any("," in cell for cells in below for cell in cells)
     by_name = dict(zip(named, units, strict=False)) if len(units) == len(named) else {}
-    return Layout(delimiter, start, width, named, by_name, frozenset(pairs), commas)
+    return Layout(delimiter, start, width, named, by_name, frozenset(pairs), commas, _stated_rate(head))
+
+
+_STEP = re.compile(
+    r"(?i)\b(?:(delta_?x|[xt]_?inc\w*|dt|(?:sampl\w*|time|horizontal)[ _-]*(?:interval|step|period|increment))"
+    r"|fs|sampl\w*[ _-]*freq\w*|[\w \t-]*rate)\b"
+    r"[ \t]*(?:[\[(](?P<unit>[^\])]*)[\])])?[\s:=;,\"]*(?:[a-z]+:)?([-+\d.,e]*\d)[ \t]*(?P<behind>[a-zA-Z\u00b5]*)"
+)
+"""A step of time or a sampling rate with its value, as heads have it, and its unit before or behind it."""
+
+
+def _stated_rate(head: Sequence[str]) -> float | None:
+    """Return the sampling rate that a head states, hertz; None where it states none, or several."""
+    rates = set[float]()
+    for found in filter(None, map(_STEP.search, head)):
+        step, text = found[1], found["unit"] or found["behind"]
+        value, unit = cell_value(found[3].rstrip(",")), unit_of(text) if text else None
+        if value and (not text or (unit is not None and unit.kind == ("time" if step else "frequency"))):
+            size = value * (unit.factor if unit else 1.0)
+            rates.add(1.0 / size if step else size)
+    return rates.pop() if len(rates) == 1 else None
 
 
 def _parted(lines: Sequence[str]) -> tuple[list[_Row], str | None]:
@@ -123,6 +147,10 @@ def _rows(lines: Sequence[str], delimiter: str | None) -> Iterator[_Row]:
 
 def _is_number(cell: str) -> bool:
     return cell_value(cell) is not None or cell_pair(cell) is not None
+
+
+def _fills(row: _Row, places: Sequence[int]) -> bool:
+    return any(k < len(row.cells) and not is_empty(row.cells[k]) for k in places)
 
 
 def _start(rows: Sequence[_Row], width: int, usual: Sequence[int]) -> int | None:

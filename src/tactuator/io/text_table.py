@@ -40,7 +40,7 @@ codecs.register_error("tactuator-windows", _windows)
 @dataclass(frozen=True, eq=False)
 class Table:
     """Numbers of a text. values: (rows, columns); names, units: of the columns; cut: rows were left unread; footer: the
-    first line of text below the rows.
+    first line of text below the rows; rate_hz: that its head states.
     """
 
     names: tuple[str, ...]
@@ -48,6 +48,7 @@ class Table:
     units: Mapping[str, str]
     cut: bool
     footer: str = ""
+    rate_hz: float | None = None
 
 
 def read_table(path: Path, most_rows: int, most_values: int) -> Table:
@@ -73,7 +74,7 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
         blocks, cut = rows.numbers(most_rows, most_values)
     table = np.concatenate(blocks)
     kept = [k for k, name in enumerate(layout.names) if not _is_nothing_new(name, k, layout.names, table)]
-    return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut, rows.footer)
+    return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut, rows.footer, layout.rate_hz)
 
 
 def _is_nothing_new(name: str, place: int, names: tuple[str, ...], table: FloatArray) -> bool:

@@ -309,7 +309,8 @@ class Channel:
             description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
             "in rad/s (complex roots as `[re, im]`), optionally `delay_s`; or a `model.json` of `identify`, or a list "
             "of them, of which the first is the nominal one; with "
-            '`structure = "none"` also a response (`frequency_hz` with `magnitude` or `magnitude_db`, no phase)'
+            '`structure = "none"` also a response (`frequency_hz` with `magnitude` or `magnitude_db`, no phase), whose '
+            "columns `{ file, frequency, magnitude, ... }` names as `identify` does"
         ),
     ]
     finger: Annotated[str, Wording(default="the name"), Field(description="whose finger")] = ""
