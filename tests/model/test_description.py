@@ -7,6 +7,7 @@ The slips of whole files, and the right files beside them, are in `tests/api/tes
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import control
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from scipy import signal
 
 from tactuator.errors import BadInput
+from tactuator.io.environment import channel_environment
 from tactuator.model.description import Channel, Converter, Display, Environment, Threshold
 from tactuator.model.plant import Load
 from tactuator.model.plausibility import EXPECTED, doubtful, record_doubts, swing
@@ -162,6 +164,7 @@ def test_channel__made_by_hand__has_the_plant_and_a_file_s_defaults(plant: objec
     made, hertz = by_hand(plant), np.array([1.0, 30.0, 300.0])
     np.testing.assert_allclose(made.plant.response(hertz), MOTOR.response(hertz), rtol=1e-9)
     assert (made.finger, made.threshold, Display(4000.0, (made,)).name) == ("index", THRESHOLD, "display")
+    assert made.environment.assumed == channel_environment({}, "", Path(), "index", None).assumed != ()
 
 
 @pytest.mark.parametrize(
@@ -174,10 +177,12 @@ def test_channel__made_by_hand__has_the_plant_and_a_file_s_defaults(plant: objec
         ),
         (signal.dlti([1.0], [1.0, 0.5]), "sampling period is True"),
         (signal.TransferFunction([2875.0], [1.0, 94.0, 290.0]).to_ss(), "a state space without exact zeros"),
-        ("tf", "'tf'; it must be `{ num, den }`"),
+        ("tf", "'tf'; it must be `{ num, den }` or `{ zeros, poles, gain }`; a display file names files"),
+        (Path("model.json"), "'model.json'; it must be `{ num, den }` or `{ zeros, poles, gain }`; a display file names"),
+        (([0.0], [1.0, 1.0]), ": num is zero; it must be a polynomial"),
         (object(), "a object; it must be a linear system of python-control or scipy.signal"),
     ],
-    ids=["sampled", "two by two", "no period", "rounded zeros", "text", "object"],
+    ids=["sampled", "two by two", "no period", "rounded zeros", "text", "path", "zero", "object"],
 )
 def test_channel__plant_that_is_none__is_refused_by_its_name(plant: object, words: str) -> None:
     with pytest.raises(BadInput, match=f"plant.*{re.escape(words)}"):

@@ -41,6 +41,7 @@ def channel(name: str = "index", **changes: object) -> Channel:
                 plant=ContinuousSystem.from_polynomials([numerator], denominator),
                 threshold=Threshold(curve("bolanowski-1988")),
                 loads=(Load("finger", *load),),
+                environment=Environment(),
             )
             return replace(plain, **changes)  # type: ignore[arg-type]
     raise KeyError(name)

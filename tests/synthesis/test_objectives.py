@@ -144,6 +144,11 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     assert "nothing else holds the position" in only(verdict, "iv", "index", "finger", "change of |H|").remark
 
 
+def test_judge__key_of_the_template__is_noticed() -> None:
+    assert not judged(channel()).notices()
+    assert judged(channel(unchanged=("travel_mm",))).notices() == ["index: travel_mm as in the template (CHANGE THIS)"]
+
+
 def test_judge__open_loop__costs_a_resonance_that_is_off() -> None:
     """Against the same controller on a motor whose resonance, 17.5 Hz and of damping 0.15, is 2 % lower or higher."""
     natural = 2.0 * np.pi * 17.5

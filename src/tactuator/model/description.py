@@ -211,6 +211,8 @@ class Strength:
 
 Disturbance = Literal["hum", "noise", "friction", "presliding"]
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
+_UNSTATED: tuple[Disturbance, ...] = ("hum", "noise", "friction")
+"""What is assumed of a channel that states no environment; a presliding distance rests on its friction."""
 
 
 @table("[environment]")
@@ -333,7 +335,7 @@ class Channel:
     converter: Converter = field(default_factory=Converter)
     feedback: FeedbackRequirements = field(default_factory=FeedbackRequirements)
     prefilter: PrefilterRequirements = field(default_factory=PrefilterRequirements)
-    environment: Environment = field(default_factory=Environment)
+    environment: Environment = field(default_factory=lambda: Environment(assumed=_UNSTATED))
     strength: Strength = field(default_factory=Strength)
     contact: Contact = field(default_factory=Contact)
     family: Annotated[

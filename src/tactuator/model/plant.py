@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from types import NoneType
 from typing import Annotated, Any, Literal
 
@@ -71,7 +72,10 @@ def _given_system(value: Any) -> ContinuousSystem | SampledSystem:
     if isinstance(value, tuple | list) and len(value) == 2:
         num, den = (np.atleast_1d(part).tolist() for part in value)
         return from_table(PlantTable, {"num": num, "den": den}).system()
-    if isinstance(value, str | bytes | int | float | tuple | list | NoneType):
+    if isinstance(value, str | PathLike):
+        files = "; a display file names files (`tactuator init --from` writes one)"
+        raise BadInput(f"{str(value)!r}", PLANT_FORMS + files)
+    if isinstance(value, bytes | int | float | tuple | list | NoneType):
         raise BadInput(f"{value!r}", PLANT_FORMS)
     return from_control(value)
 

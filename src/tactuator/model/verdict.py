@@ -30,6 +30,8 @@ FELT_MINUS_ASKED = "felt minus asked"
 """What objective i is judged by: the level that is felt, less the level that was asked for."""
 MODE_OFF = f"{FELT_MINUS_ASKED}, a mode 2 % off"
 """What is felt without a loop where the resonance has moved by as much as it does with temperature and mounting."""
+AS_IN_TEMPLATE = "as in the template (CHANGE THIS)"
+"""What is said of a key that still has the template's value."""
 OF_THE_LOOP = ("i", "ii", "iii", "iv")
 """Objectives that a closed loop has to be stable for."""
 
@@ -196,9 +198,12 @@ class Verdict(Result):
         return [*self.told(), *data(self.document()), *beside]
 
     def notices(self) -> Sequence[str]:
-        """Return what a mode that is off costs a display without a loop, where that is more than is allowed."""
+        """Return what the display still has of its template, and what a mode that is off costs a display without a
+        loop, where that is more than is allowed.
+        """
         findings = [each for objective in self.objectives for each in objective.findings]
-        return [_in_words(each) for each in findings if each.quantity == MODE_OFF and each.excess > 0.0]
+        template = [each for each in self.assumptions if each.endswith(AS_IN_TEMPLATE)]
+        return [*template, *(_in_words(each) for each in findings if each.quantity == MODE_OFF and each.excess > 0.0)]
 
     def next_step(self) -> str:
         """Return where to read on, unless all is met."""

@@ -80,7 +80,7 @@ def _control() -> Any:
     try:
         return importlib.import_module("control")
     except ImportError:
-        raise BadInput("python-control is not installed", "after `pip install control`") from None
+        raise BadInput("python-control is not installed: pip install control") from None
 
 
 def _factors(system: System) -> Iterator[tuple[Any, Any]]:

@@ -109,7 +109,7 @@ def _polynomial(values: ArrayLike, name: str) -> FloatArray:
         raise BadInput(f"{name} must be a list of finite numbers; got {values!r}")
     coefficients = np.trim_zeros(coefficients, "f")
     if coefficients.size == 0:
-        raise BadInput(f"{name} is zero", "a polynomial with a coefficient that is not")
+        raise BadInput("zero", "a polynomial with a coefficient that is not", key=name)
     return coefficients
 
 

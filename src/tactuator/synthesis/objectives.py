@@ -25,6 +25,7 @@ from tactuator.model.controller import ChannelController, Controller, FeedForwar
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import (
+    AS_IN_TEMPLATE,
     FELT_MINUS_ASKED,
     MODE_OFF,
     OF_THE_LOOP,
@@ -111,7 +112,7 @@ def assumptions(display: Display) -> tuple[str, ...]:
         sentences += [
             f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed
         ]
-        sentences += [f"{channel.name}: {key} as in the template (CHANGE THIS)" for key in channel.unchanged]
+        sentences += [f"{channel.name}: {key} {AS_IN_TEMPLATE}" for key in channel.unchanged]
     return tuple(sentences)
 
 
