@@ -178,7 +178,10 @@ def test_channel__made_by_hand__has_the_plant_and_a_file_s_defaults(plant: objec
         (signal.dlti([1.0], [1.0, 0.5]), "sampling period is True"),
         (signal.TransferFunction([2875.0], [1.0, 94.0, 290.0]).to_ss(), "a state space without exact zeros"),
         ("tf", "'tf'; it must be `{ num, den }` or `{ zeros, poles, gain }`; a display file names files"),
-        (Path("model.json"), "'model.json'; it must be `{ num, den }` or `{ zeros, poles, gain }`; a display file names"),
+        (
+            Path("model.json"),
+            "'model.json'; it must be `{ num, den }` or `{ zeros, poles, gain }`; a display file names",
+        ),
         (([0.0], [1.0, 1.0]), ": num is zero; it must be a polynomial"),
         (object(), "a object; it must be a linear system of python-control or scipy.signal"),
     ],
