@@ -160,3 +160,17 @@ def following(asked: FeedbackRequirements, way: str) -> FeedbackRequirements:
         values[where] = float(value)
         asked = replace(asked, **{f"{key}_max_db": tuple(values)})
     return asked
+
+
+def test_loops__motors_that_differ_by_thousandths_of_a_decibel__follow_a_straight_line() -> None:
+    hertz, steps_db = np.geomspace(0.4, 300.0, 100), np.linspace(-0.01, 0.01, 5)
+    levels = []
+    for step_db in steps_db:
+        motor = ContinuousSystem.from_polynomials([3100.0 * 10.0 ** (step_db / 20.0)], [1.0, 102.0, 310.0])
+        one = channel(plant=motor)
+        task = Task.of(plant_family(one, 8000.0, 1), one.feedback, 8000.0, 1.3)
+        _, found = next(synthesise(task))
+        loop = found.response(hertz) * task.family[0].sampled.response(hertz)
+        levels.append(20.0 * np.log10(np.abs(loop / (1.0 + loop))))
+    slope, level = np.polyfit(steps_db, np.array(levels), 1)
+    assert np.max(np.abs(levels - np.outer(steps_db, slope) - level)) < 5e-4

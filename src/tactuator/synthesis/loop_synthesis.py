@@ -29,9 +29,9 @@ from tactuator.synthesis.limits import Limit, Task
 from tactuator.synthesis.problem import (
     LoopProblem,
     Solution,
-    carried_on,
     hops,
     is_sound,
+    polished,
     problem_of,
     solve,
     start_near,
@@ -43,9 +43,9 @@ _FEASIBLE_DB, _NEARLY_DB = 1e-4, 0.1
 _RESERVES_DB = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
 """What each round of settling keeps beyond the limits, dB: grids and assessment agree to about that."""
 _SAME_DB, _AGAIN_DB, _ENOUGH = 0.02, 0.05, 3
-_CARRIED_ON = 2
-"""Solutions whose programs go on until they settle: the first end 0.5 to 2 dB early around a resonator, the second best
-often ends ahead of the best."""
+_POLISHED = 2
+"""Solutions that are polished: the first end 0.5 to 2 dB early around a resonator, the second best often ends ahead of
+the best."""
 _RESONANCE_SHARES = (0.5, 1.0)
 Candidate = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
@@ -61,8 +61,9 @@ def synthesise(task: Task, near: SampledSystem | None = None) -> Iterator[Candid
     """
     if near is not None:
         problem = problem_of(task, _RESONANCE_SHARES[0])
-        solution = solve(problem, start_near(problem, near))
-        settled = None if solution is None else _settle(problem, carried_on(problem, solution))
+        start = start_near(problem, near)
+        solution = polished(problem, start) or solve(problem, start)
+        settled = None if solution is None else _settle(problem, solution)
         if settled is not None:
             yield settled
     for begin, share in product((starts, starts_below_modes), _RESONANCE_SHARES):
@@ -96,7 +97,9 @@ def _settled(problem: LoopProblem, begin: Callable[[LoopProblem], Sequence[Float
     if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
         solutions += _solutions(problem, starts_below_modes(problem))
     solutions = sorted(solutions, key=lambda solution: solution.merit_db)
-    solutions[:_CARRIED_ON] = [carried_on(problem, solution) for solution in solutions[:_CARRIED_ON]]
+    solutions[:_POLISHED] = [
+        polished(problem, solution.parameters) or solution for solution in solutions[:_POLISHED]
+    ]
     means: list[float] = []
     ready: list[Candidate] = []
     for solution in sorted(solutions, key=lambda solution: solution.mean_db):
@@ -151,7 +154,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
         if all_kept(assessments, problem.loop_limits):
             candidate = max(assessment.mean_rejection_db for assessment in assessments), feedback
             if settled is not None or reserve_db > _RESERVES_DB[0]:
-                return candidate if settled is None or candidate[0] < settled[0] - _AGAIN_DB else settled
+                return candidate if settled is None else min(settled, candidate, key=itemgetter(0))
             settled = candidate
         peaks = [peak.frequency_hz for of in assessments for peak in (of.margins.sensitivity, of.margins.complementary)]
         before, problem = problem.tighten, LoopProblem(problem.task, problem.share, [*problem.peaks_hz, *peaks])
@@ -159,7 +162,7 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
         by_load = {assessment.member.name: assessment for assessment in assessments}
         true = [limit.excess_db(by_load[limit.load or ""].figure(limit)) for limit in problem.limits]
         problem.tighten = np.where(stays, before + (np.array(true) > 0.0), np.array(true) - seen + reserve_db)
-        again = solve(problem, solution.parameters)
+        again = polished(problem, solution.parameters) or solve(problem, solution.parameters)
         if again is None or again.excess_db > _NEARLY_DB:
             break
         solution = again

@@ -20,7 +20,7 @@ Optimization 18, 2000).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, pairwise
@@ -187,7 +187,7 @@ def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 _PUNISHMENT = 30.0
 _BOX, _SMALLER, _LEAST_BOX, _ROUNDS = 1.0, 4.0, 0.05, 12
-_ITERATIONS, _TIMES_ON = 20, 6
+_FEW, _TO_THE_END = {"maxiter": 20, "ftol": 1e-3}, {"maxiter": 200, "ftol": 1e-6}
 _TURNED_DB, _SETTLED_DB, _KEPT_DB = 2.0, 0.05, 1e-3
 
 
@@ -219,16 +219,18 @@ def solve(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit] = ()
     return problem.solved[key]
 
 
-def carried_on(problem: LoopProblem, solution: Solution) -> Solution:
-    """Return the local solution that programs come to from another, in boxes of full size again as long as that helps:
-    boxes that shrink may end on the way, and where they do depends on the last bits of a processor.
+def polished(problem: LoopProblem, start: FloatArray) -> Solution | None:
+    """Return the local optimum next to `start`, to many digits: one program that goes on to its end. None where that
+    is not better than the start. Where programs of a few iterations end depends on the last bits of a processor.
     """
-    for _ in range(_TIMES_ON):
-        again = solve(problem, solution.parameters)
-        if again is None or again.merit_db > solution.merit_db - _SETTLED_DB:
-            break
-        solution = again
-    return solution
+    low, high = bounds(problem.task)
+    box = np.maximum(low, start - _BOX), np.minimum(high, start + _BOX)
+    end = _solve_near(problem, start, (), box, _TO_THE_END)
+    if end is None or problem.turned_db(end.parameters) > _TURNED_DB:
+        return None
+    first = problem.at(start)
+    before = Solution(start, float(np.max(first.mean_db)), max(0.0, float(np.max(first.excess))))
+    return end if end.merit_db <= before.merit_db else None
 
 
 def _solved(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit]) -> Solution | None:
@@ -250,7 +252,11 @@ def _solved(problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit]) -
 
 
 def _solve_near(
-    problem: LoopProblem, start: FloatArray, relaxed: Sequence[Limit], box: tuple[FloatArray, FloatArray]
+    problem: LoopProblem,
+    start: FloatArray,
+    relaxed: Sequence[Limit],
+    box: tuple[FloatArray, FloatArray],
+    options: Mapping[str, float] = _FEW,
 ) -> Solution | None:
     first = problem.at(start)
     free = np.array([limit.under(None) in relaxed for limit in problem.limits])
@@ -283,7 +289,7 @@ def _solve_near(
             bounds=scipy.optimize.Bounds(np.append(box[0], [-np.inf, 0.0]), np.append(box[1], [np.inf, np.inf])),
             constraints=[{"type": "ineq", "fun": rooms, "jac": slopes}],
             method="SLSQP",
-            options={"maxiter": _ITERATIONS, "ftol": 1e-3},
+            options=options,
         )
         last = at(result.x)
         reached = float(np.max(aims(last)[0])), max(0.0, float(np.max(last.excess[~free], initial=0.0)))
