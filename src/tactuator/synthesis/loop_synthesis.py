@@ -97,9 +97,7 @@ def _settled(problem: LoopProblem, begin: Callable[[LoopProblem], Sequence[Float
     if sum(solution.excess_db <= _NEARLY_DB for solution in solutions) == 1:
         solutions += _solutions(problem, starts_below_modes(problem))
     solutions = sorted(solutions, key=lambda solution: solution.merit_db)
-    solutions[:_POLISHED] = [
-        polished(problem, solution.parameters) or solution for solution in solutions[:_POLISHED]
-    ]
+    solutions[:_POLISHED] = [polished(problem, solution.parameters) or solution for solution in solutions[:_POLISHED]]
     means: list[float] = []
     ready: list[Candidate] = []
     for solution in sorted(solutions, key=lambda solution: solution.mean_db):
