@@ -263,7 +263,7 @@ def void(
     study: StudyName = None,
     operator: OperatorName = None,
 ) -> VoidResult:
-    """Leave a visit, a run or a trial out of all results and exports. It stays in the store; --voided includes it."""
+    """Leave a visit, run or trial out of all results. It stays in the store, and --voided includes it."""
     with _opened_study(store, study, operator) as opened:
         about = (code, Part(visit, run, trial), not restore, reason, opened.now, opened.who)
         part = set_void(opened.connection, opened.id, *about)

@@ -12,10 +12,11 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from itertools import count, groupby
 from math import isfinite
+from operator import itemgetter
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args
@@ -37,7 +38,8 @@ from tactuator.experiment.store.stored_runs import (
     PROGRAMS,
     Column,
     StoredRun,
-    detection_runs,
+    detection_parts,
+    in_order,
     selected,
     stored_protocols,
 )
@@ -128,9 +130,10 @@ def cell(value: Any, missing: str = "") -> Any:
     """Return the value as a cell: text that a spreadsheet would execute begins with an apostrophe. A number is none."""
     if value is None or value == "":
         return missing
-    if not isinstance(value, str) or _PLAIN_NUMBER.fullmatch(value):
+    if not isinstance(value, str):
         return value
-    return f"'{value}" if value.lstrip(_UNSEEN_FIRST).startswith(_EXECUTED) or value[0] in "\t\r\n" else value
+    executed = value.lstrip(_UNSEEN_FIRST).startswith(_EXECUTED) or value[0] in "\t\r\n"
+    return f"'{value}" if executed and not _PLAIN_NUMBER.fullmatch(value) else value
 
 
 @contextmanager
@@ -205,26 +208,22 @@ def _discarded() -> Select[Any]:
 
 
 def _thresholds(store: Store) -> list[TableRow]:
-    try:
-        runs = detection_runs(store)
-    except BadInput:
-        return []
+    """Return every threshold, a part of the runs after the other: the trials of all of them would fill the memory."""
     with store.read() as connection:
         studies = {row.id: row.name for row in connection.execute(select(schema.study))}
         versions = {row.id: row.number for row in connection.execute(select(schema.protocol_version))}
-    by_run, names = {run.run.id: run for run in runs}, [column.name for column in COLUMNS["thresholds"]]
-    of_runs, order = fitted(runs), {run.run.id: place for place, run in enumerate(runs)}
-    found = [(by_run[threshold.run], asdict(threshold)) for threshold in of_runs.thresholds]
-    found += [(run, _without_refit(run)) for run, _ in of_runs.refused]
-    rows = []
-    for of_run, threshold in sorted(found, key=lambda each: order[each[0].run.id]):
-        session, run = of_run.session, of_run.run
-        row = threshold | {name: getattr(run, name) for name in ("respondent", "rig_simulated", "shown")}
-        row |= {"study": studies[session.study_id], "visit": session.visit, "flags": "|".join(threshold["flags"])}
-        row["protocol_version"] = versions[run.protocol_version_id]
-        row["group"] = "simulated" if run.respondent in PROGRAMS else session.subject_group
-        rows.append({name: _plain(row.get(name)) for name in names})
-    return rows
+    names, rows = [column.name for column in COLUMNS["thresholds"]], []
+    for part in detection_parts(store):
+        of_runs, by_run = fitted(part), {run.run.id: run for run in part}
+        found = [(by_run[threshold.run], vars(threshold)) for threshold in of_runs.thresholds]
+        for of_run, threshold in [*found, *((run, _without_refit(run)) for run, _ in of_runs.refused)]:
+            session, run = of_run.session, of_run.run
+            row = threshold | {name: getattr(run, name) for name in ("respondent", "rig_simulated", "shown")}
+            row |= {"study": studies[session.study_id], "visit": session.visit, "flags": "|".join(threshold["flags"])}
+            row["protocol_version"] = versions[run.protocol_version_id]
+            row["group"] = "simulated" if run.respondent in PROGRAMS else session.subject_group
+            rows.append((in_order(of_run), {name: _plain(row.get(name)) for name in names}))
+    return [row for _, row in sorted(rows, key=itemgetter(0))]
 
 
 def _without_refit(run: StoredRun) -> TableRow:

@@ -20,14 +20,12 @@ from tactuator.experiment.result.played import (
     hum_is_felt,
     was_simulated,
 )
-from tactuator.experiment.store.stored_runs import StoredRun
+from tactuator.experiment.store.stored_runs import RUNS_AT_ONCE, StoredRun
 from tactuator.plain import brief
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
 """Flags that make a threshold doubtful. The experimenter decides: a curve is given with and without them."""
 
-_RUNS_AT_ONCE = 1024
-"""Runs whose trials are played through anew before any of them is let go: a million trials would take up 100 MB."""
 _NEAR_DECADES, _NEAR_DB = 0.2, 12.0
 _NORMAL_95 = 1.959964
 _MAINS_HZ = (60.0, 50.0, 0.0)
@@ -113,8 +111,8 @@ def fitted(runs: Sequence[StoredRun]) -> Fitted:
         alike.setdefault(key, []).append(index)
     found: dict[int, list[MeasuredThreshold] | str] = {}
     for members in alike.values():
-        for first in range(0, len(members), _RUNS_AT_ONCE):
-            part = members[first : first + _RUNS_AT_ONCE]
+        for first in range(0, len(members), RUNS_AT_ONCE):
+            part = members[first : first + RUNS_AT_ONCE]
             found |= zip(part, _each_fitted([runs[index] for index in part]), strict=True)
     measured: list[MeasuredThreshold] = []
     refused = []

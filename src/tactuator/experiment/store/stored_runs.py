@@ -7,7 +7,7 @@ the description cannot disagree.
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
@@ -91,6 +91,8 @@ def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
     return {row: protocol for row, protocol in every.items() if isinstance(protocol, form)}
 
 
+RUNS_AT_ONCE = 1024
+"""Runs whose trials are played through anew before any of them is let go: a million trials would take up 100 MB."""
 _RUNS = 256
 """Runs that are read at once."""
 _TONE, _LOUD, _SATURATED = 1, 2, 4
@@ -137,33 +139,58 @@ class StoredRun:
 
 
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
-    """Return the runs that are done in all the store's studies, or in one session or group of subjects.
+    """Return the runs that are done in all the store's studies, or in one session or group of subjects, in order.
 
-    Practice and what was withdrawn are left out, and runs of a protocol that cannot be read here. Raises BadInput
+    Practice and what may not be used are left out, and runs of a protocol that cannot be read here. Raises BadInput
     without any.
     """
+    runs = sorted((run for part in detection_parts(store, session, group) for run in part), key=in_order)
+    if not runs:
+        raise _none(store, session, group, "done run")
+    return runs
+
+
+def in_order(run: StoredRun) -> tuple[int, int, int]:
+    """Return what runs are ordered by."""
+    return run.run.session_id, run.run.position, run.run.attempt
+
+
+def detection_parts(store: Store, session: int | None = None, group: str | None = None) -> Iterator[list[StoredRun]]:
+    """Yield what `detection_runs` returns in parts that are fitted at once, each of one protocol at one display."""
     with store.read() as connection:
         protocols = stored_protocols(connection, Protocol)
         sessions = {row.id: row for row in connection.execute(session_query())}
         wanted = _done(store, FORCED_CHOICE, session, group)
         done = select(schema.run).select_from(schema.RUNS).where(*wanted).order_by(*_IN_ORDER)
-        rows = [row for row in connection.execute(done) if row.protocol_version_id in protocols]
-        void, runs = {*connection.execute(schema.VOID_RUNS).scalars()}, []
-        for first in range(0, len(rows), _RUNS):
-            part = rows[first : first + _RUNS]
-            trials, intervals = (read(connection, part, store.usable) for read in (_trials, _intervals))
-            for row in part:
-                kind, commanded, measured = intervals.of(row.id)
+        void = {*connection.execute(schema.VOID_RUNS).scalars()}
+        alike: dict[tuple[int, float, float], list[Found]] = {}
+        for row in connection.execute(done):
+            if row.protocol_version_id in protocols:
+                key = (row.protocol_version_id, row.band_low_hz, row.band_high_hz)
+                alike.setdefault(key, []).append(row)
+        for (version, *_), rows in alike.items():
+            for first in range(0, len(rows), RUNS_AT_ONCE):
+                part = rows[first : first + RUNS_AT_ONCE]
+                yield [
+                    StoredRun(
+                        sessions[row.session_id], row, protocols[version], *trials, seen, row.id in void, store.voided
+                    )
+                    for row, trials, seen in _trials_of(connection, part, store.usable)
+                ]
+
+
+def _trials_of(
+    connection: Connection, runs: Sequence[Found], usable: schema.Usable
+) -> Iterator[tuple[Found, Sequence[NDArray[Any]], StoredIntervals]]:
+    """Yield each run that has trials with their columns and intervals."""
+    for first in range(0, len(runs), _RUNS):
+        part = runs[first : first + _RUNS]
+        trials, intervals = (read(connection, part, usable) for read in (_trials, _intervals))
+        for row in part:
+            kind, commanded, measured = intervals.of(row.id)
+            if kind.size:
                 tone, loud, saturated = ((kind & bit) != 0 for bit in (_TONE, _LOUD, _SATURATED))
-                seen = StoredIntervals(tone, loud, commanded, measured, saturated)
-                if not kind.size:
-                    continue  # every trial of it is void
-                about = (sessions[row.session_id], row, protocols[row.protocol_version_id])
-                frequency_hz, level, base, correct = trials.of(row.id)
-                runs.append(StoredRun(*about, frequency_hz, level, base, correct, seen, row.id in void, store.voided))
-    if not runs:
-        raise _none(store, session, group, "done run")
-    return runs
+                yield row, trials.of(row.id), StoredIntervals(tone, loud, commanded, measured, saturated)
 
 
 def _done(store: Store, paradigm: str, session: int | None, group: str | None) -> list[ColumnElement[bool]]:
