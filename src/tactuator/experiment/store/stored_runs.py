@@ -173,16 +173,19 @@ def detection_parts(store: Store, session: int | None = None, group: str | None 
                 part = rows[first : first + RUNS_AT_ONCE]
                 yield [
                     StoredRun(
-                        sessions[row.session_id], row, protocols[version], *trials, seen, row.id in void, store.voided
+                        sessions[row.session_id], row, protocols[version], *answered, row.id in void, store.voided
                     )
-                    for row, trials, seen in _trials_of(connection, part, store.usable)
+                    for row, answered in _trials_of(connection, part, store.usable)
                 ]
+
+
+_Answered = tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], StoredIntervals]
 
 
 def _trials_of(
     connection: Connection, runs: Sequence[Found], usable: schema.Usable
-) -> Iterator[tuple[Found, Sequence[NDArray[Any]], StoredIntervals]]:
-    """Yield each run that has trials with their columns and intervals."""
+) -> Iterator[tuple[Found, _Answered]]:
+    """Yield each run that has trials, with those."""
     for first in range(0, len(runs), _RUNS):
         part = runs[first : first + _RUNS]
         trials, intervals = (read(connection, part, usable) for read in (_trials, _intervals))
@@ -190,7 +193,9 @@ def _trials_of(
             kind, commanded, measured = intervals.of(row.id)
             if kind.size:
                 tone, loud, saturated = ((kind & bit) != 0 for bit in (_TONE, _LOUD, _SATURATED))
-                yield row, trials.of(row.id), StoredIntervals(tone, loud, commanded, measured, saturated)
+                seen = StoredIntervals(tone, loud, commanded, measured, saturated)
+                frequency_hz, level, base, correct = trials.of(row.id)
+                yield row, (frequency_hz, level, base, correct, seen)
 
 
 def _done(store: Store, paradigm: str, session: int | None, group: str | None) -> list[ColumnElement[bool]]:
