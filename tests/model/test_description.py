@@ -143,6 +143,9 @@ def test_doubtful__display_with_what_cannot_be__is_not_met_and_else_not_judged()
     assert list(doubtful(altered())) == []
     assert Outcome.NOT_MET in {finding.outcome for finding in doubtful(altered(travel_mm=0.0125))}
     assert {finding.outcome for finding in doubtful(altered(friction_v=4.0))} == {Outcome.NOT_JUDGED}
+    unseen = 1.01 * INDEX.converter.range_v / display().channels[0].sensor_gain_v_per_mm
+    assert [each.outcome for each in doubtful(altered(travel_mm=unseen))] == [Outcome.NOT_MET]
+    assert list(doubtful(altered(travel_mm=unseen / 1.02))) == []
 
 
 def by_hand(plant: object) -> Channel:

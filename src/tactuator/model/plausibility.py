@@ -132,6 +132,11 @@ EXPECTED: Mapping[str, Plausible] = {
         "the steps of the converter over the travel", "", 50.0, np.inf,
         "sensor_gain_v_per_mm per micrometre, travel_mm in metres, or range_v in millivolts", "",
     ),
+    "seen": Plausible(
+        "what full travel reads as a share of range_v, beyond which nothing is read,", "", 0.0, 1.0, "",
+        "sensor_gain_v_per_mm per metre, travel_mm in micrometres, or range_v in kilovolts",
+        impossible=True,
+    ),
     "noise": Plausible(
         "the noise of the sensor as a share of what full travel reads", "", 0.0, 0.03, "",
         "noise_v_rms in millivolts",
@@ -217,6 +222,7 @@ def channel_doubts(channel: Channel, rate_hz: float) -> Iterator[Doubt]:
         shares |= {name: volts / travel_v for name, volts in stated.items() if name in moved}
         if channel.feedback.structure != "none":
             yield from EXPECTED["codes"].doubts(travel_v / channel.converter.step_v)
+            yield from EXPECTED["seen"].doubts(travel_v / channel.converter.range_v)
     for name, share in shares.items():
         yield from EXPECTED[name].doubts(share)
     yield from _recorded_doubts(channel, rate_hz, travel_v)
