@@ -1,10 +1,7 @@
-"""The STM32F405's whole program from its start, on the model of the chip: out of reset, after a bootloader, with parts
+"""The STM32F405's program as it is flashed, from its first instruction: out of reset, after a bootloader, with parts
 missing. The host's own link speaks to it."""
 
 import ctypes
-import shutil
-import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,88 +10,35 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from firmware.build import build, find_board
 from firmware.verify import verify
 from tactuator.errors import BadInput
 from tactuator.rig.board.link import LinkClient, Missing, Mode, Request, RequestOutcome, RigIncomplete
 from tactuator.rig.board.rig import BoardRig
 from tests.firmware import chip_model as model
-from tests.firmware.chip_model import Chip, Drivers, build
+from tests.firmware.chip_model import Chip, Drivers
+from tests.firmware.processor import Processor
 from tests.rig.guard.guarded import designed
 
 VECTORS = 0x08000000
-TICKS_A_SECOND = 2000.0
-"""Half of what the board does: the model and the host share this machine."""
 SYSTICK_RUNS = 7
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("program")
-    build(folder)
+def program() -> Path:
+    return build(find_board("stm32f405"))
+
+
+@pytest.fixture(scope="module")
+def drivers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("drivers")
+    model.build(folder)
     return folder / "drivers.so"
 
 
-class Started:
-    """The program on a chip, in a thread of its own: time goes on where it sleeps. A transport of the host's link."""
-
-    def __init__(self, program: Path, chip: Chip) -> None:
-        self.chip = chip
-        copy = program.with_name(f"{time.monotonic_ns()}.so")  # its memory as out of reset
-        shutil.copyfile(program, copy)
-        self.drivers = Drivers(ctypes.CDLL(str(copy)), chip)
-        copy.unlink()
-        self._sleep = model.SLEEP(self._let_time_pass)
-        pointer = ctypes.cast(self._sleep, ctypes.c_void_p).value
-        ctypes.c_void_p.in_dll(self.drivers.compiled, "model_sleep").value = pointer
-        self._ends, self.how, self.objection = False, 0, None
-        self._ticked_s = time.monotonic()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        try:
-            self.how = self.drivers.call("model_start", ctypes.c_uint32(VECTORS))
-        except BaseException as error:
-            self.objection = error
-
-    def _let_time_pass(self) -> int:
-        if self.chip.supply_halts:
-            self.drivers.compiled.tact_halt()
-        while self.chip.from_host:
-            self.drivers.compiled.tact_usart()
-        due = min(int((time.monotonic() - self._ticked_s) * TICKS_A_SECOND), 8)
-        for _ in range(due):
-            if self.chip.registers.get(model.SYSTICK, 0) & SYSTICK_RUNS == SYSTICK_RUNS:
-                self.chip.registers[model.SYSTICK + 8] = self.chip.registers[model.SYSTICK + 4]
-                self.drivers.compiled.tact_systick()
-        if due:
-            self._ticked_s = time.monotonic()
-        else:
-            time.sleep(1e-4)
-        return self._ends or bool(self.drivers.objections)
-
-    def send(self, content: bytes) -> None:
-        self.chip.from_host.extend(content)
-
-    def receive(self, timeout_s: float) -> bytes:
-        end_s = time.monotonic() + timeout_s
-        while not self.chip.to_host and self._thread.is_alive() and time.monotonic() < end_s:
-            time.sleep(1e-4)
-        if self.objection is not None:
-            raise self.objection
-        content, self.chip.to_host[:] = bytes(self.chip.to_host), []
-        return content
-
-    def close(self) -> None:
-        self._ends = True
-        self._thread.join(20.0)
-        if self.objection is not None:
-            raise self.objection
-
-
 @contextmanager
-def started(program: Path, chip: Chip) -> Iterator[tuple[Started, LinkClient]]:
-    running = Started(program, chip)
+def started(program: Path, chip: Chip, after_bootloader: bool = False) -> Iterator[tuple[Processor, LinkClient]]:
+    running = Processor(program, chip, after_bootloader)
     client = LinkClient(running, 5.0)
     try:
         yield running, client
@@ -124,8 +68,8 @@ STARTS = {
 
 @pytest.mark.parametrize("chip", STARTS.values(), ids=STARTS)
 def test_start__reset_or_a_bootloader__one_state_and_it_answers(program: Path, chip) -> None:
-    chip = chip()
-    with started(program, chip) as (running, client):
+    after_bootloader, chip = chip is not Chip, chip()
+    with started(program, chip, after_bootloader) as (_, client):
         status = client.status()
     assert (status.name, status.mode, status.missing) == ("stm32f405", Mode.OFF, 0)
     assert chip.system_hz == 168e6
@@ -135,15 +79,14 @@ def test_start__reset_or_a_bootloader__one_state_and_it_answers(program: Path, c
     disabled = [chip.registers.get(0xE000E180 + 4 * word, 0) for word in range(3)]
     assert disabled == [0xFFFFFFFF] * 3
     assert chip.registers[model.RCC + 0x10] == 0
-    assert running.how == model.ENDED
 
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.integers(16, 16), st.integers(100, 216), st.booleans(), st.sampled_from([0, 1, 2]))
-def test_clock__whatever_runs_before__is_168_mhz(program: Path, divisor, times, from_crystal, source) -> None:
+def test_clock__whatever_runs_before__is_168_mhz(drivers: Path, divisor, times, from_crystal, source) -> None:
     pll = (12 if from_crystal else divisor) | 2 * times << 6 | from_crystal << 22
     chip = after_a_bootloader(Chip(), pll, source)
-    on = Drivers(ctypes.CDLL(str(program)), chip)
+    on = Drivers(ctypes.CDLL(str(drivers)), chip)
     assert on.call("tact_chip_clock") == 0
     assert chip.system_hz == 168e6
 
@@ -207,14 +150,14 @@ def test_supply__low_at_start_and_back__arms_then_and_low_again__halts(program: 
         assert client.ask(Request.ARM)[0] is RequestOutcome.INCOMPLETE
         chip.supply_is_low = False
         assert client.ask(Request.ARM)[0] is RequestOutcome.DONE
-        end_s = time.monotonic() + 5.0
-        while chip.pins["A4"] != 1 and time.monotonic() < end_s:
-            time.sleep(0.001)
+        for _ in range(100):
+            running.step()
         assert chip.pins["A4"] == 1
         low_supply(chip)
-        while running.how == 0 and time.monotonic() < end_s + 5.0:
-            time.sleep(0.001)
-    assert running.how == model.HALTED
+        for _ in range(100):
+            running.step()
+        assert running.halted
+    assert (chip.pins["A4"], chip.pins["A5"]) == (0, 0)
 
 
 def test_whole_board__bare__is_refused(program: Path) -> None:

@@ -98,6 +98,35 @@ def test_level__a_thump_of_10_to_40_db__within_1_db_or_said(seed):
     assert thump_db < 15.0 or any("left out" in note for note in got.notes)
 
 
+def uneven(seed, seconds=4.0):
+    """Speech with words of very different strengths: what is loudest may be no knock."""
+    rng, samples = np.random.default_rng(500 + seed), spoken(seed, seconds)
+    strengths = 10.0 ** (rng.uniform(-30.0, 0.0, int(seconds / 0.4) + 1) / 20.0)
+    return samples * np.repeat(strengths, round(0.4 * RATE_HZ))[: samples.size]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_level__words_of_unlike_strengths__is_p56_or_says_what_was_left_out(seed):
+    samples = uneven(seed)
+    got = measured(samples)
+    if not any("left out" in note for note in got.notes):
+        assert got.level_db - 10.0 * math.log10(2.0) == pytest.approx(p56(samples, RATE_HZ)[0], abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_level__a_long_knock_in_a_short_recording__within_1_db_or_said(seed):
+    """A slammed door of 0.1 to 0.2 s takes up to a tenth of the time, and hides the speech from P.56."""
+    seconds, rng = 1.6 + 0.1 * seed, np.random.default_rng(700 + seed)
+    samples = spoken(seed, seconds)
+    level, t = p56(samples, RATE_HZ)[0], np.arange(int(rng.uniform(0.1, 0.2) * RATE_HZ)) / RATE_HZ
+    slam = rng.standard_normal(t.size) * np.exp(-t / (t[-1] / 3.0))
+    slam *= 10.0 ** ((level + rng.uniform(15.0, 40.0)) / 20.0) / np.sqrt(np.mean(slam**2))
+    first = int(rng.uniform(0.0, seconds - 0.2) * RATE_HZ)
+    samples[first : first + t.size] += slam
+    got = measured(samples)
+    assert abs(got.level_db - 10.0 * math.log10(2.0) - level) < 1.0 or any("a knock?" in note for note in got.notes)
+
+
 def test_level__however_it_is_cut__same_and_silence_has_none():
     samples = spoken(3)
     assert measured(samples, (1, 99, 100, 4001, 9000)).level_db == pytest.approx(measured(samples).level_db, abs=1e-9)

@@ -1,7 +1,8 @@
 """Active speech level as in ITU-T P.56, method B, with the share of time that it counts; what is no speech is left out.
 
 A click or thump would raise P.56's level of a whole utterance. Frames OUTSTANDING_DB above the level of all
-others, and the two beside each, are taken for such, left out and reported.
+others, and the two beside each, are taken for such, left out and reported. What may be one, or may be speech, is counted
+as in P.56 and reported.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from tactuator.arrays import FloatArray
 
 ENVELOPE_S, HANGOVER_S, MARGIN_DB = 0.03, 0.2, 15.9
 """Time constant of the envelope (twice), hangover and margin of P.56, method B."""
-OUTSTANDING_DB, FRAME_S = 12.0, 0.025
-"""Loudest frames of 25 ms of speech are 5 to 9 dB above its active level."""
-TRIMMED_SHARE, MOST_SHARE = 0.05, 0.1
-"""A thump may hide all speech from P.56: the first guess is of what the loudest 5 % of the frames leave. More than 10 %
-is no exception."""
+OUTSTANDING_DB, FRAME_S = 13.0, 0.025
+"""Loudest frames of 25 ms of speech are 5 to 9 dB above its active level, and up to 12 below 290 Hz."""
+TRIMMED_SHARE, MOST_SHARE = 0.1, 0.15
+"""A thump may hide all speech from P.56: the first guess is of what the loudest tenth of the frames leaves. More than
+15 % is no exception."""
+NEAR_DB, RAISED_DB, HIDES_DB, FAINT_DB = 11.0, 1.0, 8.0, 45.0
+"""Reported: frames from the first on that raise the level by the second; a loudest tenth without which the level is
+lower by the third, but by less than the last: below it is no speech."""
 LOUDEST_S, WARNED_DB = 0.1, 15.0
 _THRESHOLDS = 2.0 ** np.arange(-40, 31)
 """P.56 steps by 2; this many, since codings have different scales."""
 _PASSES = 5
-"""Until the same frames are left out twice; two of speech."""
+"""Until the same frames are left out twice; two of speech. Each leaves out fewer."""
 
 Blocks = Callable[[], Iterator[FloatArray]]
 
@@ -46,35 +50,56 @@ def active_level(blocks: Blocks, rate_hz: float) -> ActiveLevel:
     """Return the active level of a signal that is given anew, (n, channels) a block, at each call of `blocks`."""
     frame = round(FRAME_S * rate_hz)
     whole = np.concatenate(list(_frame_powers(blocks(), frame)))
-    loudest = whole.max(axis=1)
-    left_out = _and_beside(loudest >= np.sort(loudest)[-max(1, round(TRIMMED_SHARE * len(loudest)))])
-    for _ in range(_PASSES):
+
+    def level_without(left_out: NDArray[np.bool_]) -> tuple[float, float, FloatArray]:
         levels = _levels(_without(blocks(), left_out, frame), rate_hz)
         best = int(np.argmax([level for level, _ in levels]))
-        level_db, share = levels[best]
-        above = 10.0 * np.log10(np.maximum(2.0 * whole[:, best], 1e-300)) - level_db
-        stands = _and_beside(above > OUTSTANDING_DB)
-        if stands.mean() > MOST_SHARE:
-            stands[:] = False
-        if (stands == left_out).all():
+        return *levels[best], 10.0 * np.log10(np.maximum(2.0 * whole[:, best], 1e-300))
+
+    loudest = whole.max(axis=1)
+    tenth = np.sort(loudest)[-max(1, round(TRIMMED_SHARE * len(loudest)))]
+    quiet_db, _, power_db = level_without(_and_beside(loudest >= tenth))
+    left_out = _outstanding(power_db - quiet_db)
+    for _ in range(_PASSES):
+        level_db, share, power_db = level_without(left_out)
+        still = left_out & _outstanding(power_db - level_db)
+        if (still == left_out).all():
             break
-        left_out = stands
-    return ActiveLevel(level_db, share, tuple(_notes(whole[:, best], left_out, level_db)))
+        left_out = still
+    else:
+        left_out = np.zeros_like(left_out)
+        level_db, share, power_db = level_without(left_out)
+    notes = _notes(power_db - level_db, left_out, level_db - quiet_db) if np.isfinite(level_db) else ()
+    return ActiveLevel(level_db, share, tuple(notes))
 
 
 def _and_beside(frames: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(np.convolve(frames, np.ones(3), "same")[: len(frames)] > 0.0)
 
 
-def _notes(powers: FloatArray, left_out: NDArray[np.bool_], level_db: float) -> Iterator[str]:
-    run = round(LOUDEST_S / FRAME_S)
-    means = np.convolve(powers, np.ones(run) / run, "valid") if len(powers) >= run else powers
-    loudest_db = float(10.0 * np.log10(max(2.0 * means.max(initial=0.0), 1e-300))) - level_db
-    at_s = float(np.argmax(means)) * FRAME_S
-    if left_out.any() and np.isfinite(level_db):
+def _outstanding(above_db: FloatArray) -> NDArray[np.bool_]:
+    """Return the frames that are no speech, by their dB above the level of the others."""
+    frames = _and_beside(above_db > OUTSTANDING_DB)
+    return frames if frames.mean() <= MOST_SHARE else np.zeros_like(frames)
+
+
+def _notes(above_db: FloatArray, left_out: NDArray[np.bool_], quieter_db: float) -> Iterator[str]:
+    """Yield what to know of a level. above_db: of each frame; quieter_db: by how much the first guess was lower."""
+    power, run = 10.0 ** (above_db / 10.0), round(LOUDEST_S / FRAME_S)
+    means = np.convolve(power, np.ones(run) / run, "valid") if len(power) >= run else power
+    loudest_db, at_s = float(10.0 * np.log10(means.max(initial=1e-300))), float(np.argmax(means)) * FRAME_S
+    counted = np.where(left_out, 0.0, power)
+    near = counted > 10.0 ** (NEAR_DB / 10.0)
+    raised_db = -10.0 * np.log10(max(1.0 - counted[near].sum() / counted.sum(), 1e-30))
+    if left_out.any():
         seconds = FRAME_S * float(left_out.sum())
         yield f"{seconds:.3g} s are more than {OUTSTANDING_DB:g} dB above the rest, and were left out of its level"
-    if loudest_db > WARNED_DB and np.isfinite(level_db):
+    elif HIDES_DB < quieter_db < FAINT_DB:
+        yield f"without its loudest tenth the level is {quieter_db:.0f} dB lower: a knock? cut it out"
+    if raised_db > RAISED_DB:
+        seconds = FRAME_S * float(near.sum())
+        yield f"{seconds:.3g} s, at {at_s:.3g} s the loudest, raise its level by {raised_db:.1f} dB: a knock? cut it out"
+    if loudest_db > WARNED_DB:
         words = f"the loudest {1e3 * LOUDEST_S:.0f} ms, at {at_s:.3g} s, are {loudest_db:.0f} dB above the level"
         yield f"{words}: a knock? cut it out"
 
