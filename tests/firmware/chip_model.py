@@ -17,26 +17,15 @@ SOURCES = ("main.c", "stm32f405/port_stm32f405.c", "stm32f405/bus.c",
            "stm32f405/watchdog.c", "stm32f405/usart.c", "stm32f405/silicon/ad5754.c",
            "stm32f405/silicon/ad7606.c", "stm32f405/silicon/clock.c", "stm32f405/silicon/converters.c",
            "cortex_m/systick.c", "cortex_m/processor.c")  # fmt: skip
-HALTED, ENDED = 1, 2
 STUB = """
-#include <setjmp.h>
 #include <stdint.h>
-uint32_t (*model_get)(uint32_t); void (*model_set)(uint32_t, uint32_t); int (*model_sleep)(void);
+uint32_t (*model_get)(uint32_t); void (*model_set)(uint32_t, uint32_t);
 uint32_t tact_get(uint32_t a) { return model_get(a); }
 void tact_set(uint32_t a, uint32_t v) { model_set(a, v); }
-static jmp_buf out;
-int tact_main(void);
-void tact_processor_begin(uint32_t vectors);
-void tact_halt(void) { longjmp(out, 1); }
-void tact_sleep_unless(int (*reason)(void)) { (void)reason; if (model_sleep && model_sleep()) longjmp(out, 2); }
+void tact_halt(void) {}
+void tact_sleep_unless(int (*reason)(void)) { (void)reason; }
 uint32_t tact_interrupts_enter(void) { return 0; }
 void tact_interrupts_leave(uint32_t before) { (void)before; }
-int model_start(uint32_t vectors)
-{
-    const int how = setjmp(out);
-    if (how == 0) { tact_processor_begin(vectors); tact_main(); }
-    return how;
-}
 """
 
 PORTS = {0x40020000: "A", 0x40020400: "B", 0x40020800: "C"}
@@ -334,7 +323,6 @@ def build(folder: Path, baud: int = 2_000_000) -> ctypes.CDLL:
 
 GET = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_uint32)
 SET_CALL = ctypes.CFUNCTYPE(None, ctypes.c_uint32, ctypes.c_uint32)
-SLEEP = ctypes.CFUNCTYPE(ctypes.c_int)
 
 
 class Drivers:

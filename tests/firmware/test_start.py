@@ -129,6 +129,7 @@ def test_start__a_part_missing__it_answers_and_names_it_and_does_not_arm(program
     assert (chip.pins["A4"], chip.pins["A5"]) == (0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lacks", [(without_a_d, without_d_a), (low_supply,)], ids=["converters", "supply"])
 def test_start__a_part_missing__is_verified_bare_with_outputs_off(program: Path, lacks) -> None:
     chip = Chip()
