@@ -1,8 +1,8 @@
 """Active speech level as in ITU-T P.56, method B, with the share of time that it counts; what is no speech is left out.
 
 A click or thump would raise P.56's level of a whole utterance. Frames OUTSTANDING_DB above the level of all
-others, and the two beside each, are taken for such, left out and reported. What may be one, or may be speech, is counted
-as in P.56 and reported.
+others, and the two beside each, are taken for such, left out and reported. What may be one, or speech, is counted as in
+P.56 and reported.
 """
 
 from __future__ import annotations
@@ -98,7 +98,8 @@ def _notes(above_db: FloatArray, left_out: NDArray[np.bool_], quieter_db: float)
         yield f"without its loudest tenth the level is {quieter_db:.0f} dB lower: a knock? cut it out"
     if raised_db > RAISED_DB:
         seconds = FRAME_S * float(near.sum())
-        yield f"{seconds:.3g} s, at {at_s:.3g} s the loudest, raise its level by {raised_db:.1f} dB: a knock? cut it out"
+        words = f"{seconds:.3g} s, the loudest at {at_s:.3g} s, raise its level by {raised_db:.1f} dB"
+        yield f"{words}: a knock? cut it out"
     if loudest_db > WARNED_DB:
         words = f"the loudest {1e3 * LOUDEST_S:.0f} ms, at {at_s:.3g} s, are {loudest_db:.0f} dB above the level"
         yield f"{words}: a knock? cut it out"
