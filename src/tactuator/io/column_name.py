@@ -144,8 +144,11 @@ def column_name(text: str, stated: str = "") -> ColumnName:
         named = ColumnName(text, text)
     if unit is None:
         return named
-    if named.unit.kind and named.unit.kind != unit.kind:
-        raise BadInput(f"{text!r} is in {named.unit.text} by its name and in {unit.text} otherwise", "one unit")
+    # a name may end in one letter that is no unit
+    is_other = named.unit.kind != unit.kind or (named.unit.factor != unit.factor and len(named.unit.text) > 1)
+    if named.unit.kind and is_other:
+        got = f"{text!r} is in {named.unit.text} by its name and in {unit.text} otherwise"
+        raise BadInput(got, "one unit, or another name in the file")
     return replace(named, unit=unit, is_stated=True)
 
 

@@ -297,7 +297,11 @@ def _names_of(columns: Columns, names: Iterable[str]) -> list[ColumnName]:
 
 def _unread(columns: Columns, read: set[str], count: int) -> list[str]:
     """Return the columns beside those that were read that look like a command, a position, a reference or a time."""
-    rest = [name for name, values in columns.values.items() if name not in read and values.size == count]
+    rest = [
+        name
+        for name, values in columns.values.items()
+        if name not in read and values.size == count and _has_numbers(values)
+    ]
     usual = {*INPUT_NAMES, *OUTPUT_NAMES, *REFERENCE_NAMES, *TIME_NAMES}
     return [
         name.text
@@ -333,12 +337,16 @@ def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
     return rate_hz
 
 
+def _has_numbers(values: FloatArray) -> bool:
+    return bool(np.count_nonzero(np.isfinite(values)) > 1)
+
+
 def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str) -> ColumnName | None:
     """Return the column that an option names, or the first of the usual names, with a unit behind it or without."""
     if asked is not None:
         return asked_column(columns, asked, what)
     names = _names_of(columns, reversed(list(columns.values)))
-    usable = [name for name in names if np.isfinite(columns.values[name.text]).sum() > 1]
+    usable = [name for name in names if _has_numbers(columns.values[name.text])]
     named = {_plain(name.base): name for name in usable} | {_plain(name.text): name for name in usable}
     named |= {name.text.lower(): name for name in usable}
     return next((named[name] for name in usual if name in named), None)
@@ -349,7 +357,8 @@ def _signals(
 ) -> tuple[ColumnName, ColumnName]:
     u = _pick(columns, input_name, INPUT_NAMES, "input")
     y = _pick(columns, output_name, OUTPUT_NAMES, "output")
-    beside = [name for name, values in columns.values.items() if values.size > 1 and (not time or name != time.text)]
+    many = [name for name, values in columns.values.items() if _has_numbers(values)]
+    beside = [name for name in many if not time or name != time.text]
     rest = _names_of(columns, beside)
     if len(rest) > 2:
         rest = [name for name in rest if _plain(name.base) not in REFERENCE_NAMES]
@@ -360,11 +369,11 @@ def _signals(
     elif y is None and u is not None and len(rest) == 2 and u.text in beside:
         y = next(name for name in rest if name.text != u.text)
     if u is None or y is None:
-        signals = (("command (input)", u), ("position (output)", y))
+        signals = (("the command (--input)", u), ("the position (--output)", y))
         missing = " and ".join(signal for signal, known in signals if known is None)
-        missing += " (and time)" if time is None else ""
+        missing += " (and --time)" if time is None else ""
         named = ", ".join(name.text for name in rest)
-        raise BadInput("which column is which is not clear", f"names for {missing}, each one of {named}")
+        raise BadInput("which column is which is not clear", f"names of {missing}, each one of {named}")
     if u.text == y.text:
         raise BadInput(f"input and output are both {u.text!r}", "two different columns")
     return u, y

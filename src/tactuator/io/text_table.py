@@ -69,7 +69,9 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
             raise BadInput(f"it is empty, or remarks fill its first {_MOST_REMARKS} lines", "columns of numbers")
         layout = find_layout(lines, path.suffix.lower())
         if layout is None:
-            raise BadInput("there are no rows of numbers in it", "columns of numbers")
+            raise BadInput(
+                "there are no rows of numbers in it", "rows as 0.001,1.5,0.2 below time_s,command_v,position_v"
+            )
         rows = _Rows(stream, layout)
         blocks, cut = rows.numbers(most_rows, most_values)
     table = np.concatenate(blocks)
@@ -166,7 +168,8 @@ class _Rows:
             if block.shape[0] == 0:
                 continue
             if block.shape[1] != columns:
-                raise BadInput(f"row {rows + 1} has {block.shape[1]} of {columns} columns", "as many in each")
+                got = f"row {rows + 1} has {block.shape[1]} of {columns} columns"
+                raise BadInput(got, f"as many in each ({', '.join(self._layout.names[:6])})")
             blocks.append(block)
             rows += block.shape[0]
         if rows > most:
@@ -231,7 +234,8 @@ class _Rows:
         cells, width = self._layout.cells(line), self._layout.width
         if len(cells) != width:
             is_text = all(cell_value(cell) is None for cell in cells)
-            allowed = "'#' before lines of text" if is_text else "as many in each"
+            named = f"as many in each ({', '.join(self._layout.names[:6])}; a cell without a number stays empty)"
+            allowed = "'#' before lines of text" if is_text else named
             raise BadInput(f"row {number} has {len(cells)} of {width} columns", allowed)
         values: list[float] = []
         for place, cell in enumerate(cells):
