@@ -324,9 +324,11 @@ _OF_LEVELS = {
 
 
 def _felt_within(response: Response, levels: ResponseLevels) -> str:
+    hertz = response.frequency_hz
+    where = f"{hertz.size} frequencies" if hertz.size > 1 else f"{hertz[0]:g} Hz"
     return (
         f"felt within {abs(levels.error_db).max():.2f} dB of {response.level_db_sl:g} dB SL "
-        f"({levels.error_jnd.max():.1f} JND) at {response.frequency_hz.size} frequencies (load {response.load})"
+        f"({levels.error_jnd.max():.1f} JND) at {where} (load {response.load})"
     )
 
 
