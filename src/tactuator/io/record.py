@@ -252,7 +252,11 @@ class _Rows:
             raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
         if not bad.size:
             return ""
-        lacks = f"{bad.size} samples of {name} were not read, the first" if bad.size > 1 else f"1 sample of {name} was not read,"
+        lacks = (
+            f"{bad.size} samples of {name} were not read, the first"
+            if bad.size > 1
+            else f"1 sample of {name} was not read,"
+        )
         return f"{lacks} in row {self.first + bad[0] + 1}: filled in"
 
 
