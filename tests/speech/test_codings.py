@@ -68,6 +68,16 @@ def test_envelope__modulated_tone__envelope_follows_to_its_smoothing():
         assert amplitude(got, side) / amplitude(got, 200.0) == pytest.approx(0.4 * smoothed, rel=0.02)
 
 
+def test_envelope__expanded__levels_apart_by_the_exponent_and_the_key_may_be_left_out(tmp_path):
+    coding = EnvelopeCoding((EnvelopeBand(400.0, 1600.0, 50.0, ("thumb",)),), expansion=2.0)
+    loud, quiet = (amplitude(coded(coding, size * tone(800.0))[:, 0], 50.0) for size in (0.1, 0.01))
+    assert 20 * np.log10(loud / quiet) == pytest.approx(40.0, abs=0.5)
+    write_coding(tmp_path / "c.toml", coding)
+    assert read_coding(tmp_path / "c.toml") == coding
+    with pytest.raises(BadInput, match="expansion is 5"):
+        EnvelopeCoding(expansion=5.0)
+
+
 def test_envelope__gates__voice_and_its_absence():
     rng = np.random.default_rng(1)
     voiced, unvoiced = tone(150.0), 0.3 * np.diff(rng.standard_normal(RATE_IN * 4 + 1))

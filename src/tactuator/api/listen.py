@@ -4,20 +4,23 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from os import PathLike
 from typing import Annotated
 
 from tactuator.api.option import Option, option_of
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed, chosen_controller, opened
 from tactuator.api.progress import working
 from tactuator.api.speech import CODING_HELP, wishes
+from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.result import Fact, Result, ResultTable, data, found
+from tactuator.rig.rig import Rig
 from tactuator.rig.simulated import PacedRig
 from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.coding import coding_of, live_coding
 from tactuator.speech.live.level import LevelSettings
 from tactuator.speech.live.run import fed_shortly, run_live
-from tactuator.speech.live.source import open_source
+from tactuator.speech.live.source import Source, open_source
 from tactuator.speech.live.stream import LiveState, LiveStream
 from tactuator.speech.options import CODING
 
@@ -65,7 +68,10 @@ class ListenResult(Result):
 def listen(
     rig: RigOption,
     controller: ControllerOption,
-    input: Annotated[Place | None, Option("Sound file, played at its own pace.", file=True)] = None,
+    input: Annotated[
+        Place | Source | None,
+        Option("Microphone[@RATE], - (standard input), or a sound file (default: the system's microphone).", type=str),
+    ] = None,
     *,
     display: DisplayOption = None,
     coding: Annotated[str, Option(CODING_HELP)] = CODING,
@@ -75,7 +81,8 @@ def listen(
     release_s: Annotated[float, option_of(LevelSettings, "release_s")] = LevelSettings.release_s,
     range_db: Annotated[float, option_of(LevelSettings, "range_db")] = LevelSettings.range_db,
     gate_db: Annotated[float, option_of(LevelSettings, "gate_db", "--gate")] = LevelSettings.gate_db,
-    fast: Annotated[bool, Option("Simulated: as fast as it computes, not in real time.")] = False,
+    rate_hz: Annotated[int | None, Option("Of raw samples on standard input, Hz.", ("--rate",))] = None,
+    fast: Annotated[bool, Option("Simulated, a file: as fast as it computes, not in real time.")] = False,
     seed: Seed = 0,
     report: Callable[[LiveState, Callable[[], None]], None] | None = None,
 ) -> ListenResult:
@@ -89,7 +96,10 @@ def listen(
     """
     settings = LevelSettings(level_db_sl, gain_db, attack_s, release_s, range_db, gate_db)
     chosen = live_coding(coding_of(coding))
-    with closing(open_source(input)) as source:
+    if fast and not isinstance(rig, Rig) and rig not in ("simulated", "in-process"):
+        raise BadInput(f"--fast at {rig}", "a rig whose time waits: simulated, in-process")
+    place = input if input is None or isinstance(input, str | PathLike) else None
+    with closing(input if place is None and input is not None else open_source(place, rate_hz)) as source:
         loaded = chosen_controller(display, controller)
         with (
             opened(rig, loaded.display, seed) as ready,
@@ -103,7 +113,6 @@ def listen(
             paced = ready if fast or not ready.waits else PacedRig(ready)
             clock = None if ready.waits and paced is ready else time.monotonic
             stream = LiveStream(source, loaded, chosen, settings, clock)
-            delays_s = stream.delays() | {"rig": lead_s + _late(loaded)}
 
             def each(state: LiveState) -> None:
                 wanted = wish()
@@ -115,6 +124,7 @@ def listen(
                     report(state, stream.stop)
 
             run_live(stream, paced, source, each)
+            delays_s = stream.delays() | {"rig": lead_s + _late(loaded)}
     name = rig if isinstance(rig, str) else type(rig).__name__
     return ListenResult(name, stream.state, stream.stopped, delays_s, dict(stream.coding_delays), source.notes)
 

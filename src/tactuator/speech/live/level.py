@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.parameters import Number, Positive, table
 from tactuator.perception.curve import check_level
 from tactuator.signals.decibels import db, from_db
 from tactuator.speech.options import LEVEL_DB_SL
@@ -29,26 +28,25 @@ LEAST_DB = -80.0
 """Of full scale: less opens no gate."""
 
 
-@dataclass(frozen=True)
+@table("level")
 class LevelSettings:
     """How loud is felt what comes.
 
     gain_db: a fixed gain, the level in dB SL of a sinusoid of full scale, in place of the automatic one.
     """
 
-    level_db_sl: Annotated[float, Field(description="Of speech, dB SL.")] = LEVEL_DB_SL
+    level_db_sl: Annotated[Number, Field(description="Of speech, dB SL.")] = LEVEL_DB_SL
     gain_db: Annotated[
-        float | None, Field(description="Fixed gain: dB SL of a sinusoid of full scale; no automatic gain.")
+        Number | None,
+        Field(ge=-40.0, le=140.0, description="Fixed gain: dB SL of a sinusoid of full scale; no automatic gain."),
     ] = None
-    attack_s: Annotated[float, Field(gt=0.0, description="Time constant of less gain, s.")] = 0.3
-    release_s: Annotated[float, Field(gt=0.0, description="Time constant of more gain, s.")] = 3.0
-    range_db: Annotated[float, Field(ge=0.0, le=60.0, description="Automatic gain up and down, dB each.")] = 20.0
-    gate_db: Annotated[float, Field(ge=0.0, le=60.0, description="Gate: dB above the noise; 0: none.")] = 10.0
+    attack_s: Annotated[Positive, Field(description="Time constant of less gain, s.")] = 0.3
+    release_s: Annotated[Positive, Field(description="Time constant of more gain, s.")] = 3.0
+    range_db: Annotated[Number, Field(ge=0.0, le=60.0, description="Automatic gain up and down, dB each.")] = 20.0
+    gate_db: Annotated[Number, Field(ge=0.0, le=60.0, description="Gate: dB above the noise; 0: none.")] = 10.0
 
     def __post_init__(self) -> None:
         check_level(self.level_db_sl)
-        if self.gain_db is not None and not -40.0 <= self.gain_db <= 140.0:
-            raise BadInput(f"{self.gain_db:g}", "-40 to 140 dB SL", key="gain_db")
 
 
 class LiveLevel:

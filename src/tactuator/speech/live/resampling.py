@@ -16,26 +16,30 @@ SETTLE_S = 2.0
 LOOK_S = 0.25
 """The buffer is looked at in a mean over this time, since a source gives its samples in pieces."""
 LATE_S = 0.02
-"""A buffer longer by this, after the program was held up, is cut back at once."""
+"""A buffer longer by this in the mean is cut back at once: the source was held up, and came in one."""
+PRIMING = 4
+"""Blocks in which the latest look is sought before the signal is begun or taken up."""
+LONGER_S, MOST_TARGET_S = 0.002, 0.02
+"""The buffer becomes longer by the first with each drop-out: this machine's looks are later than was thought."""
 FADE_S = 0.005
 
 
 class ClockedResampler:
     """Takes samples at rate_in_hz as they come and gives blocks at rate_out_hz as they are asked for.
 
-    target_s: length of the buffer that is kept. Where it runs empty, or is too long, the signal is faded out and taken
-    up again with a fade at the target: a drop-out. dropouts: how often that was. drift: of the source's clock against
-    the display's, as found. fill_s, worst_s: length of the buffer, and the greatest difference from the target since
-    `settled_s` after the beginning.
+    target_s: length of the buffer that is kept at the latest look. Where it runs empty, or is too long, the signal is
+    faded out and taken up again with a fade: a drop-out, after which the target is longer. dropouts: how often that
+    was. drift: of the source's clock against the display's, as found. fill_s, worst_s: length of the buffer, and the
+    greatest difference of its mean from the target since `settled_s` after the beginning.
     """
 
     def __init__(self, rate_in_hz: int, rate_out_hz: int, target_s: float, settled_s: float = 10.0) -> None:
-        self._rate_in, self._rate_out, self._target_s = rate_in_hz, rate_out_hz, target_s
+        self._rate_in, self._rate_out, self.target_s = rate_in_hz, rate_out_hz, target_s
         share = CUTOFF * min(1.0, rate_out_hz / rate_in_hz)
         self._half = int(np.ceil(CROSSINGS / share))
         self._table = _kernels(self._half, share)
         self._samples, self._at = np.zeros(2 * self._half), float(self._half)
-        self._starved = True
+        self._priming, self._least, self._faded_in, self._came = PRIMING, np.inf, False, False
         self._fill, self._integral, self._given, self._settled = target_s, 0.0, 0, round(settled_s * rate_out_hz)
         self.dropouts, self.drift, self.worst_s, self.ended = 0, 0.0, 0.0, False
 
@@ -51,6 +55,7 @@ class ClockedResampler:
 
     def push(self, samples: FloatArray) -> None:
         """Take samples (n,) of the source."""
+        self._came = self._came or bool(len(samples))
         self._samples = np.concatenate((self._samples, samples))
 
     def take(self, count: int) -> FloatArray:
@@ -58,27 +63,40 @@ class ClockedResampler:
         asked_s = count / self._rate_out
         self._watch(asked_s)
         step = self._rate_in / self._rate_out * (1.0 + self.drift)
-        spare_s = self.fill_s - asked_s - self._target_s
-        if self._starved:
-            if spare_s < 0.0 and not self.ended:
-                return np.zeros(count)
-            self._starved, self._fill = False, self._target_s
-            self._at += max(0.0, spare_s) * self._rate_in
-            return self._interpolate(count, step) * self._line(count)
-        if spare_s > LATE_S or (spare_s < -self._target_s and not self.ended):
-            self.dropouts, self._starved = self.dropouts + 1, True
+        spare_s = self.fill_s - asked_s - self.target_s
+        if self._priming:
+            return self._prime(count, step, spare_s)
+        if self._fill - self.target_s > LATE_S or (spare_s < -self.target_s and not self.ended):
+            self.target_s = min(MOST_TARGET_S, self.target_s + LONGER_S)
+            self.dropouts, self._priming, self._least = self.dropouts + 1, PRIMING, np.inf
             return self._interpolate(count, step) * self._line(count)[::-1]
-        return self._interpolate(count, step)
+        rows = self._interpolate(count, step)
+        if not self._faded_in:
+            rows, self._faded_in = rows * self._line(count), True
+        return rows
+
+    def _prime(self, count: int, step: float, spare_s: float) -> FloatArray:
+        """Give silence while looking how late pieces and looks are; then begin where the latest leaves the target."""
+        self._least = min(self._least, spare_s)
+        self._at += step * count
+        self._priming -= 1
+        if not self._came and not self.ended:
+            self._priming, self._least = PRIMING, np.inf
+        self._came = False
+        if not self._priming:
+            self._at = max(float(self._half), self._at + self._least * self._rate_in)
+            self._fill, self._faded_in = self.target_s, False
+        return np.zeros(count)
 
     def _line(self, count: int) -> FloatArray:
         return np.minimum(1.0, np.arange(count) / max(1, min(count, round(FADE_S * self._rate_out))))
 
     def _watch(self, asked_s: float) -> None:
         """Set the drift by the mean length of the buffer before a block of `asked_s` is taken."""
-        if self._starved or self.ended:
+        if self._priming or self.ended:
             return
         self._fill += (self.fill_s - asked_s - self._fill) * min(1.0, asked_s / LOOK_S)
-        error_s = self._fill - self._target_s
+        error_s = self._fill - self.target_s
         self._integral += error_s * asked_s / (4.0 * SETTLE_S**2)
         self.drift = float(np.clip(error_s / SETTLE_S + self._integral, -MOST_DRIFT, MOST_DRIFT))
         self._given += round(asked_s * self._rate_out)

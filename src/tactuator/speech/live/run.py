@@ -31,7 +31,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Liv
     """Play a live stream on a loaded rig until it ends; `report` is called every REPORT_S.
 
     A rig that misses its time is at rest for a moment, and goes on: a drop-out. Raises DeviceFault as `Rig.stream`
-    does, and TimingMissed after MOST_MISSES.
+    does, TimingMissed after MOST_MISSES, and the source's fault, if that is why it ended.
     """
     misses, since_s, unsaid = 0, 0.0, 0
     try:
@@ -43,7 +43,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Liv
                         if unsaid >= REPORT_S * rig.rate_hz:
                             unsaid = 0
                             report(stream.state)
-                    return
+                    break
                 except TimingMissed:
                     now_s = stream.state.seconds
                     misses, since_s = (misses + 1 if now_s - since_s < SOUND_S else 1), now_s
@@ -51,5 +51,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Liv
                         raise
                     rig.rest()
                     stream.lost()
+            if (fault := getattr(source, "fault", None)) is not None:
+                raise fault
     finally:
         rig.rest()

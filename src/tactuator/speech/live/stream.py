@@ -86,8 +86,8 @@ class LiveStream:
     def delays(self) -> dict[str, float]:
         """Return the delay of each stage but the coding, seconds."""
         return {
-            "source": self._source.piece_s,
-            "buffer": BUFFER_S,
+            "source": getattr(self._source, "late_s", 0.0),
+            "buffer": self._resampler.target_s,
             "resampler": self._resampler.delay_s,
             "block": self._block / self._rate,
             "limiter": self._limiter.look_ahead / self._rate,
