@@ -7,6 +7,7 @@ zero phase, in stretches. Run: python -m witnesses.live.limits CONTROLLER [SECON
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,12 @@ RATE_IN, COMFORT_DB, TRAVEL_MM, STRETCH = 16000, 55.0, 12.5, 1 << 18
 CURVE = Path(tt.__file__).parent / "perception" / "data" / "digitised-bolanowski-1988-thenar.csv"
 
 
-def threshold_mm(hertz: FloatArray) -> FloatArray:
+def threshold_mm(hertz: Any) -> FloatArray:
     """The curve in millimetres, straight in dB over the logarithm of frequency, held beyond its ends."""
     rows = [line.split(",") for line in CURVE.read_text().splitlines() if line[:1].isdigit()]
     points = np.array([[float(cell) for cell in row[:2]] for row in rows])
     level = np.interp(np.log(np.maximum(hertz, 1e-3)), np.log(points[:, 0]), points[:, 1])
-    return 1e-3 * 10.0 ** (level / 20.0)
+    return np.asarray(1e-3 * 10.0 ** (level / 20.0))
 
 
 def felt_of(moved_mm: FloatArray, rate_hz: float) -> FloatArray:

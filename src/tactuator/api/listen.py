@@ -98,8 +98,8 @@ def listen(
     chosen = live_coding(coding_of(coding))
     if fast and not isinstance(rig, Rig) and rig not in ("simulated", "in-process"):
         raise BadInput(f"--fast at {rig}", "a rig whose time waits: simulated, in-process")
-    place = input if input is None or isinstance(input, str | PathLike) else None
-    with closing(input if place is None and input is not None else open_source(place, rate_hz)) as source:
+    named: Source = open_source(input, rate_hz) if input is None or isinstance(input, str | PathLike) else input
+    with closing(named) as source:
         loaded = chosen_controller(display, controller)
         with (
             opened(rig, loaded.display, seed) as ready,

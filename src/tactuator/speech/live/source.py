@@ -119,7 +119,7 @@ class PipeSource:
         if not LOWEST_RATE_HZ <= rate <= HIGHEST_RATE_HZ:
             raise BadInput(f"standard input at {rate} Hz", f"{LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ} Hz")
         self.rate_hz, self.ended = rate, False
-        self.notes = (f"{channels} channels mixed down to one (their mean)",) if channels > 1 else ()
+        self.notes: tuple[str, ...] = (f"{channels} channels mixed down to one (their mean)",) if channels > 1 else ()
         self._pace, self._paced = _Paced(float(rate)), False
         self._pieces: queue.Queue[FloatArray | None] = queue.Queue(KEPT_PIECES)
         self._rest: FloatArray = np.zeros(0)
@@ -188,7 +188,8 @@ class Microphone:
         name, rate_hz = sound_name(spec or "")
         library, card = sounddevice(), _input(name)
         self.rate_hz = round(rate_hz or card.rate_hz)
-        self.ended, self.notes = False, (f"from {card.full_name}",)
+        self.ended = False
+        self.notes: tuple[str, ...] = (f"from {card.full_name}",)
         self._pieces: deque[FloatArray] = deque()
         self._clock, self._heard_s = clock, clock()
         self.fault: DeviceFault | None = None
