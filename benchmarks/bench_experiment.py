@@ -2,14 +2,17 @@
 
 The plain QUEST+ does all runs side by side in double precision, as one would write it: the posterior times the two
 tables, no refit, no flags. The store is a study of two simulated people, copied until it holds the trials; its peer
-scans all trials and intervals by `sqlite3` and fits all runs in one batch.
+scans all trials and intervals by `sqlite3` and fits all runs in one batch. An export's peer writes the same two files
+straight from the cursor; thresholds, which the export has as well, are not in it. A store is opened beside a small one.
 """
 
 from __future__ import annotations
 
+import csv
 import sqlite3
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +27,7 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.stored_runs import COLUMNS
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import Psychometric, Weibull
 from tactuator.rig.simulated import SimulatedRig
@@ -128,6 +132,40 @@ def bare_thresholds(path: Path) -> float:
     return float(refit(levels, outcomes).threshold_db.mean())
 
 
+def plain_export(path: Path, folder: Path) -> None:
+    """Write trials and intervals of the store as they come from the cursor."""
+    source = """from study join subject on subject.study_id = study.id join session on session.subject_id = subject.id
+    join run on run.session_id = session.id join trial on trial.run_id = run.id
+    join response on response.trial_id = trial.id
+    left join protocol_version on run.protocol_version_id = protocol_version.id"""
+    of_intervals = f'{source} join "interval" on "interval".trial_id = trial.id'
+    connection = sqlite3.connect(path)
+    for table, rows, last in (("trials", source, ""), ("intervals", of_intervals, ', "interval".position')):
+        names = ", ".join(column.source for column in COLUMNS[table])
+        cursor = connection.execute(f"select {names} {rows} order by run.id, trial.number{last}")
+        with (folder / f"{table}.csv").open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(cursor)
+    connection.close()
+
+
+def opened(path: Path) -> None:
+    Store(path, must_exist=True).close()
+
+
+def large_store(path: Path, small: Path) -> dict[str, object]:
+    """Return what export and opening of a store take, beside their peers."""
+    program, folder = [sys.executable, "-m", "tactuator", "experiment"], path.parent / "plain"
+    folder.mkdir()
+    command = [*program, "export", "--store", str(path), "--out", str(path.parent / "out")]
+    own_s, _, peak_mb = of_program(command)
+    plain_s, _, _ = of_program(own_process(f"b.plain_export(b.Path({str(path)!r}), b.Path({str(folder)!r}))"))
+    opened_s = in_turn({str(place): partial(opened, place) for place in (path, small)})
+    return {
+        "export_s": own_s, "cursor_to_file_s": plain_s, "over_peer": own_s / plain_s, "peak_mb": peak_mb,
+        "opening_s": opened_s[str(path)], "opening_small_s": opened_s[str(small)], "goals": {"peak_mb": 300.0},
+    }  # fmt: skip
+
+
 def own_process(work: str) -> list[str]:
     """Return the command that does a work of this module in a process of its own."""
     folder = str(Path(__file__).resolve().parent)
@@ -162,4 +200,7 @@ def run() -> dict[str, object]:
             "peak_mb": turns[0][0][2],
             "goals": {"seconds": 15.0, "peak_mb": 300.0},
         }
+        small = Path(folder) / "small.db"
+        filled(small, 1000)
+        figures["large_store"] = large_store(path, small)
     return figures

@@ -93,12 +93,16 @@ def delivered_level(
     """
     known = np.isfinite(measured_db_sl)
     blank, played = known & np.isnan(commanded_db_sl), known & np.isfinite(commanded_db_sl)
-    hum = from_db(measured_db_sl[blank]) ** 2
+    hum = _Hum.of(from_db(measured_db_sl[blank]) ** 2)
     signal, seen = from_db(commanded_db_sl[played]) ** 2, from_db(measured_db_sl[played]) ** 2
     away_db = np.abs(commanded_db_sl[played] - level_db_sl)
     nearer: list[DeliveredLevel] = []
+    used = 0
     for width_db in _WIDTHS_DB:
         within = away_db <= (min(width_db, near_db) if frequency_hz < FRICTION_HZ else width_db)
+        if np.count_nonzero(within) == used:
+            continue  # no other stimuli than those of the width before
+        used = np.count_nonzero(within)
         level = _level(signal[within], seen[within], hum)
         if any(abs(level.offset_db - each.offset_db) > _APART_SD * each.sd_db for each in nearer):
             break
@@ -106,21 +110,35 @@ def delivered_level(
     return nearer[-1] if nearer else DeliveredLevel(float("nan"), float("nan"))
 
 
-def _level(signal: FloatArray, seen: FloatArray, hum: FloatArray) -> DeliveredLevel:
+@dataclass(frozen=True)
+class _Hum:
+    """Mean power of blank intervals and its standard error."""
+
+    power: float
+    power_sd: float
+
+    @classmethod
+    def of(cls, powers: FloatArray) -> "_Hum":
+        if not powers.size:
+            return cls(0.0, 0.0)
+        return cls(float(powers.mean()), float(powers.std() / np.sqrt(powers.size)))
+
+
+def _level(signal: FloatArray, seen: FloatArray, hum: _Hum) -> DeliveredLevel:
     """Return the level delivered by powers commanded and seen (n,), beside those of blank intervals."""
-    nothing = DeliveredLevel(float("nan"), float("nan"))
-    if not signal.size:
-        return nothing
-    base, base_sd = (float(hum.mean()), float(hum.std() / np.sqrt(hum.size))) if hum.size else (0.0, 0.0)
+    base, squared = hum.power, signal**2
     seen = seen - base
     gain = max(float(seen.sum() / signal.sum()), 1e-3)
     for _ in range(3):
         weight = 1.0 / (base**2 + 2.0 * gain * signal * base + 1e-6 * (gain * signal) ** 2)
-        gain = max(float(np.sum(weight * signal * seen) / np.sum(weight * signal**2)), 1e-9)
-    scatter = 1.0 / np.sum(weight * signal**2) + (base_sd * np.sum(weight * signal) / np.sum(weight * signal**2)) ** 2
-    excess = float(np.sum(weight * (seen - gain * signal) ** 2)) / max(signal.size - 1, 1)
+        information = (weight * squared).sum()
+        gain = max(float((weight * signal * seen).sum() / information), 1e-9)
+    scatter = 1.0 / information + (hum.power_sd * (weight * signal).sum() / information) ** 2
+    excess = float((weight * (seen - gain * signal) ** 2).sum()) / max(signal.size - 1, 1)
     sd_db = float(10.0 / np.log(10.0) * np.sqrt(scatter * max(excess, 1.0)) / gain)
-    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db) if sd_db <= _LARGEST_SD_DB else nothing
+    if not sd_db <= _LARGEST_SD_DB:
+        return DeliveredLevel(float("nan"), float("nan"))
+    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db)
 
 
 _MAINS_HZ = (50.0, 60.0)

@@ -191,10 +191,10 @@ def _trials_of(
         trials, intervals = (read(connection, part, usable) for read in (_trials, _intervals))
         for row in part:
             kind, commanded, measured = intervals.of(row.id)
-            if kind.size:
+            frequency_hz, level, base, correct = trials.of(row.id)
+            if correct.size:
                 tone, loud, saturated = ((kind & bit) != 0 for bit in (_TONE, _LOUD, _SATURATED))
                 seen = StoredIntervals(tone, loud, commanded, measured, saturated)
-                frequency_hz, level, base, correct = trials.of(row.id)
                 yield row, (frequency_hz, level, base, correct, seen)
 
 
