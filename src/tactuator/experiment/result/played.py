@@ -100,9 +100,9 @@ def delivered_level(
     used = 0
     for width_db in _WIDTHS_DB:
         within = away_db <= (min(width_db, near_db) if frequency_hz < FRICTION_HZ else width_db)
-        if np.count_nonzero(within) == used:
+        if int(within.sum()) == used:
             continue  # no other stimuli than those of the width before
-        used = np.count_nonzero(within)
+        used = int(within.sum())
         level = _level(signal[within], seen[within], hum)
         if any(abs(level.offset_db - each.offset_db) > _APART_SD * each.sd_db for each in nearer):
             break
