@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
 from tactuator.cli import main
 from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
@@ -45,6 +46,10 @@ REFUSALS = {
     "init --examples . --like lra": "--examples alone",
     "init --like lra": "display.toml already exists",
     "render speech.wav --out n.wav --controller controller.json --figures figures": "--figures without --felt",
+    "listen --input speech.wav --controller controller.json --rate 8000": "--rate with speech.wav",
+    "listen --input speech.wav --controller controller.json --gain 200": "gain_db is 200",
+    "listen --input speech.wav --controller controller.json --fast --rig board:x": "--fast at board:x",
+    "listen --input none.wav --controller controller.json": "none.wav: file not found",
     "render speech.wav --out n.wav": "neither --display nor --controller",
     "render . --out . --controller controller.json": ". holds .; ",
     "render speech.wav --out n.wav --controller controller.json --workers 2": "--workers with speech.wav (speech)",
@@ -84,7 +89,7 @@ def at_a_terminal(arguments, out, key):
             said += os.read(terminal, 1 << 16)
         except OSError:  # nobody is left at the other end
             break
-        if not pressed and b"play" in said:
+        if not pressed and arguments[0].encode() in said:
             time.sleep(0.5)
             os.write(terminal, key)
             pressed = True
@@ -107,6 +112,20 @@ def test_play__stopped_at_the_terminal__ramps_down_and_says_how_far_it_came(tmp_
     assert played["stopped"]
     assert played["played_s"] < 20.0
     assert "interrupted" in said.splitlines()[-1]
+
+
+@pytest.mark.parametrize(("rig", "key"), [("simulated", b"q"), ("in-process", b"\x03")])
+def test_listen__stopped_at_the_terminal__fades_and_says_how_far_it_came(tmp_path, rig, key):
+    write_controller(tmp_path / "c.json", designed())
+    noise = 0.1 * np.random.default_rng(0).standard_normal(16000 * 60)
+    soundfile.write(tmp_path / "long.wav", noise, 16000)
+    arguments = ["listen", "--input", str(tmp_path / "long.wav"), "--controller", str(tmp_path / "c.json")]
+    status, said = at_a_terminal([*arguments, "--rig", rig, "--json"], tmp_path / "out.json", key)
+    assert status == 130, said
+    listened = json.loads((tmp_path / "out.json").read_text())
+    assert listened["stopped"]
+    assert listened["seconds"] < 50.0
+    assert set(listened["delays_s"]) == {"source", "buffer", "resampler", "block", "limiter", "rig"}
 
 
 @pytest.fixture

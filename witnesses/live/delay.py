@@ -16,7 +16,7 @@ import soundfile
 import tactuator as tt
 from witnesses.live.limits import FloatArray, felt_of
 
-RATE_IN, EVERY_S = 48000, 0.5
+RATE_IN, EVERY_S = 48000, 0.2
 GAIN_DB = {"direct": 85.0, "bands": 85.0, "envelope": 85.0}
 
 

@@ -1,4 +1,5 @@
-"""Ten minutes of bad input by `listen`: comfort and travel at the finger port, with nothing of the project's but that.
+"""Bad input by `listen` for ten minutes in all: comfort and travel at the finger port, computed here.
+
 
 Shouts, pops, square waves of full scale, noise, music, silence and NaN, at gains far beyond comfort, onto the simulated
 display with and without its finger load. Felt: displacement weighted by the inverse of the threshold curve's file, with
@@ -78,7 +79,7 @@ class Sound:
 
 def main() -> None:
     controller = tt.read_controller(sys.argv[1])
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 600.0
+    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 150.0
     for coding, load in (("direct", None), ("direct", "finger"), ("bands", None), ("envelope", None)):
         rig = tt.SimulatedRig(controller.display, seed=3)
         moved: dict[str, list[FloatArray]] = {name: [] for name in rig.channels}

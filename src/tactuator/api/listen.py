@@ -54,7 +54,7 @@ class ListenResult(Result):
             found("buffer off its length by up to", 1e3 * state.worst_s, "ms", ".2f"),
             found("limiter", f"up to {state.taken_back_db:.1f} dB, for {state.taken_back_s:.2f} s"),
             *([found("samples that were no numbers", state.not_numbers)] if state.not_numbers else []),
-            *data({"rig": self.rig, "delays_s": self.delays_s, **asdict(state)}),
+            *data({"rig": self.rig, "stopped": self.stopped, "delays_s": self.delays_s, **asdict(state)}),
             Fact("coding_delays_s", {f"{hertz:g}": late_s for hertz, late_s in self.coding_delays_s.items()}),
         ]
 
