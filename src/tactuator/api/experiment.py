@@ -31,6 +31,7 @@ from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
+from tactuator.experiment.result.thresholds import names_of_people
 from tactuator.experiment.session.studies import Correction, StudyRecords, fresh_token, study_records, task_of
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
@@ -495,8 +496,8 @@ class StoreThresholds(Result):
 
     def chart(self) -> Chart:
         curves = []
-        for name in dict.fromkeys(threshold.subject for threshold in self.results.thresholds):
-            of = [threshold for threshold in self.results.thresholds if threshold.subject == name]
+        for person, name in names_of_people(self.results.thresholds).items():
+            of = [each for each in self.results.thresholds if (each.study_number, each.subject) == person]
             hertz, level, low, high = (
                 np.array([getattr(threshold, key) for threshold in of])
                 for key in ("frequency_hz", "refit_db_sl", "refit_low_db_sl", "refit_high_db_sl")

@@ -137,3 +137,13 @@ def test_observed__by_people_whose_strength_is_a_power_function__gives_its_expon
         text = HEAD.replace("judged", "order") + ORDER
         with pytest.raises(BadInput, match="strength is not what it asks for"):
             run_study(store, parse_protocol(text, JudgingProtocol), text, apparatus(), people, SystemClock())
+
+
+def test_answered_runs__two_studies_with_a_code_in_common__are_of_two_people(tmp_path) -> None:
+    """Taken for one, their estimates were divided by a mean of both, and a mean over people counted one too few."""
+    people = simulated_observers(curve("bolanowski-1988"), 1, seed=2)
+    with closing(Store(tmp_path / "lab.db")) as store:
+        for name in ("judged", "again"):
+            text = HEAD.replace("judged", name) + ESTIMATION
+            run_study(store, parse_protocol(text, JudgingProtocol), text, apparatus(), people, SystemClock(), "finger")
+        assert {run.subject for run in answered_runs(store, "magnitude-estimation")} == {"S1-1", "S1-2"}

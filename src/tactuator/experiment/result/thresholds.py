@@ -1,6 +1,5 @@
 """Thresholds from stored runs: the procedure's own number, the Bayesian refit, and the flags of the run."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +19,7 @@ from tactuator.experiment.result.played import (
     hum_is_felt,
     was_simulated,
 )
-from tactuator.experiment.store.stored_runs import RUNS_AT_ONCE, StoredRun
+from tactuator.experiment.store.stored_runs import RUNS_AT_ONCE, StoredRun, names_of
 from tactuator.plain import brief
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
@@ -78,10 +77,8 @@ class MeasuredThreshold:
 
 
 def names_of_people(measured: Sequence[MeasuredThreshold]) -> dict[tuple[int, str], str]:
-    """Return what to call each person, by study and code: the code, or `CODE-STUDY` where several studies have it."""
-    each = sorted({(threshold.study_number, threshold.subject) for threshold in measured})
-    codes = Counter(code for _, code in each)
-    return {(study, code): code if codes[code] == 1 else f"{code}-{study}" for study, code in each}
+    """Return what to call each person, by study and code, as names_of does."""
+    return names_of((threshold.study_number, threshold.subject) for threshold in measured)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ the description cannot disagree.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
@@ -267,13 +268,14 @@ def answered_runs(
 ) -> tuple[AnsweredRun, ...]:
     """Return the runs of that task that are done in all the store's studies, or in one session or group of subjects.
 
-    Practice and what was withdrawn are left out. Raises BadInput without any.
+    Practice and what was withdrawn are left out. A subject is named by `names_of`. Raises BadInput without any.
     """
     of_trials = ("subject", "finger", "trial", "level_db_sl", "frequency_hz", "curve_level_db_re_1um", "response")
     cells = [
         *selected("intervals", "run", "stimulus", "commanded_db_sl", "measured_db_sl", "simulated"),
         *selected("trials", *of_trials, "correct"),
         schema.run.c.frequency_hz.label("run_hz"),
+        schema.session.c.study_id,
     ]
     query = (
         select(*cells)
@@ -285,12 +287,22 @@ def answered_runs(
         rows = list(connection.execute(query))
     if not rows:
         raise _none(store, session, group, f"done run of {kind}")
-    return tuple(_answered_run(list(of_run)) for _, of_run in groupby(rows, key=attrgetter("run")))
+    names = names_of((row.study_id, row.subject) for row in rows)
+    return tuple(_answered_run(list(of_run), names) for _, of_run in groupby(rows, key=attrgetter("run")))
 
 
-def _answered_run(rows: Sequence[Found]) -> AnsweredRun:
+def names_of(people: Iterable[tuple[int, str]]) -> dict[tuple[int, str], str]:
+    """Return what to call each person, by study and code: the code, or `CODE-STUDY` where several studies have it."""
+    each = sorted(set(people))
+    codes = Counter(code for _, code in each)
+    return {(study, code): code if codes[code] == 1 else f"{code}-{study}" for study, code in each}
+
+
+def _answered_run(rows: Sequence[Found], names: Mapping[tuple[int, str], str]) -> AnsweredRun:
     trials = tuple(_answered(list(of_trial)) for _, of_trial in groupby(rows, key=attrgetter("trial")))
-    return AnsweredRun(rows[0].subject, rows[0].finger, rows[0].run_hz, trials, bool(rows[0].simulated))
+    first = rows[0]
+    name = names[first.study_id, first.subject]
+    return AnsweredRun(name, first.finger, first.run_hz, trials, bool(first.simulated))
 
 
 def _answered(intervals: Sequence[Found]) -> Answered:
