@@ -66,6 +66,9 @@ def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Pat
     morioka = with_curve(display, curve("morioka-griffin-2006")).channels[0]
     assert morioka.threshold.curve.name == "morioka-griffin-2006"
     text = DISPLAY.replace("[2875.0], den = [1.0, 94.0, 290.0]", "[5750.0], den = [2.0, 188.0, 580.0]")
+    with pytest.raises(BadInput, match="den begins with 2"):
+        read(tmp_path, text)
+    text = text.replace("mass = 0.12", "per = 5750.0, mass = 0.12")
     channel = read(tmp_path, text).channels[0]
     s = 2j * np.pi * 10.0
     loaded = channel.loaded_plant(channel.loads[0]).response(10.0)

@@ -62,7 +62,11 @@ def test_load__one_motor_in_several_forms__is_loaded_alike_or_refused(seed: int)
     own = {"num": [gain], "den": [1.0, damping, stiffness]}
     scaled = {"num": [3.0 * gain], "den": [3.0, 3.0 * damping, 3.0 * stiffness]}
     heavier = {**load, **{key: 3.0 * load[key] for key in ("mass", "damping", "stiffness")}}
-    for plant, put, per in ((own, load, None), (own, load, gain), (scaled, heavier, None), (scaled, load, gain)):
+    with pytest.raises(BadInput, match="den begins with 3") as unclear:
+        channel(scaled, load)
+    assert unclear.value.key == "per"
+    assert f"{3.0 * gain:g}, which adds the load to den as it is written, or {gain:g}" in unclear.value.allowed
+    for plant, put, per in ((own, load, None), (own, load, gain), (scaled, heavier, 3.0 * gain), (scaled, load, gain)):
         loaded = loaded_response(plant, put if per is None else {**put, "per": per})
         assert apart_db(loaded, expected) < 1e-6
     for name, plant in other_forms(motor, np.random.default_rng(seed)).items():

@@ -25,7 +25,7 @@ from tactuator.model.description import (
     Threshold,
     keys_of,
 )
-from tactuator.model.plant import DERIVATIVES, Load
+from tactuator.model.plant import DERIVATIVES, motor_gain
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -144,8 +144,8 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
     }
     channel = from_table(Channel, _with_plant(mine, plant) | resolved, where)
     _require_travel_seen(channel, where)
-    channel = replace(channel, loads=tuple(_scaled(load, plant.scale) for load in channel.loads))
     with within(where):
+        _require_scale(channel, plant.leading)
         for load in channel.loads:
             for member in (channel.plant, *channel.family):
                 channel.under(load, member)
@@ -162,13 +162,19 @@ def _with_plant(mine: Document, plant: GivenPlant) -> dict[str, Any]:
     return keys
 
 
-def _scaled(load: Load, scale: float) -> Load:
-    """Return the load of a plant whose denominator does not begin with one, in units of one that does; a load whose
-    scale is stated has its own units.
+def _require_scale(channel: Channel, leading: float) -> None:
+    """Raise BadInput for a load without `per` on a motor whose denominator, as it is written, does not begin with one:
+    it may be in the units of that denominator or relative to the moving mass.
     """
-    if load.per is not None:
-        return load
-    return Load(load.name, load.mass / scale, load.damping / scale, load.stiffness / scale)
+    gain = motor_gain(channel.plant, channel.quantity)
+    unclear = [load.name for load in channel.loads if load.per is None]
+    if leading != 1.0 and gain is not None and unclear:
+        raise BadInput(
+            f"not stated for load {unclear[0]!r}, and the plant's den begins with {leading:g}",
+            f"{abs(gain * leading):g}, which adds the load to den as it is written, or {abs(gain):g} for a load "
+            "relative to the moving mass",
+            key="per",
+        )
 
 
 def _require_travel_seen(channel: Channel, where: str) -> None:

@@ -29,13 +29,13 @@ from tactuator.signals.systems import ContinuousSystem
 class GivenPlant:
     """A plant of a display file.
 
-    keys: those of a channel that the plant's file states, among them `plant`; the channel's own win. scale: leading
-    coefficient of the denominator as it is written, whose units the loads are in. model: the document of model.json,
-    None where the plant is no such file. is_response: whether the plant was made of a response by itself.
+    keys: those of a channel that the plant's file states, among them `plant`; the channel's own win. leading: first
+    coefficient of the denominator as it is written. model: the document of model.json, None where the plant is no such
+    file. is_response: whether the plant was made of a response by itself.
     """
 
     keys: Mapping[str, Any]
-    scale: float = 1.0
+    leading: float = 1.0
     model: Mapping[str, Any] | None = field(default=None, repr=False)
     is_response: bool = False
     quantity: str = ""

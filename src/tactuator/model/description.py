@@ -292,7 +292,8 @@ class Channel:
     plant: command (V) to sensor voltage (V). family: other plants that fit the record; a design must hold for them too.
     covariance: as `identify` found it; empty: unknown. valid_hz: None for everywhere.
 
-    A plant may also be (num, den), or a continuous linear system of python-control or scipy.signal.
+    A plant may also be (num, den), or a continuous linear system of python-control or scipy.signal. Loads without
+    `per` are relative to its moving mass, whatever `den` begins with.
 
     >>> tt.Channel("index", sensor_gain_v_per_mm=0.2, travel_mm=12.5, plant=([2875.0], [1.0, 94.0, 290.0])).finger
     'index'
