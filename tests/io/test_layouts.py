@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tactuator.cli import main
 from tactuator.errors import BadInput
 from tactuator.io import text_table
+from tactuator.io.display import parse_display
 from tactuator.io.record import read_measured, read_record
 from tactuator.io.response_table import ResponseColumns, read_response
 from tactuator.signals.record import FrequencyResponse
@@ -206,6 +207,16 @@ RESPONSES = [
     Layout("a multiple", "Frequency [krpm],gain,phase (deg)\n" + rows(HERTZ, SIZE, DEG), words="no unit that is known"),
     Layout("logarithms", "f [log10 Hz],gain,phase [deg]\n" + rows(HERTZ, SIZE, DEG), words="no frequency among"),
     Layout("power", "f (Hz),|H|^2,phase (deg)\n" + rows(HERTZ, SIZE**2, DEG), words="no magnitude among"),
+    Layout("a factor", "f (Hz),gain x 1000,phase (deg)\n" + rows(HERTZ, 1e3 * SIZE, DEG), words="no magnitude among"),
+    Layout("a divided unit", "f (Hz),gain [dB/2],phase (deg)\n" + rows(HERTZ, DB / 2, DEG), words="no magnitude among"),
+    Layout(
+        "a tenth of degrees", "f (Hz),gain,phase/10 deg\n" + rows(HERTZ, SIZE, DEG / 10), words="not read: 'phase/10"
+    ),
+    Layout(
+        "an accelerometer", "f (Hz),acc [(m/s^2)/V],phase (deg)\n" + rows(HERTZ, SIZE, DEG), quantity="acceleration"
+    ),
+    Layout("units as names", "Hz,mm/V,\u00b0\n" + rows(HERTZ, SIZE, DEG), said="'mm/V' in mm"),
+    Layout("dB20", "f (Hz),dB20(S21),deg(S21)\n" + rows(HERTZ, DB, DEG), said="in dB"),
     Layout("a share", "f (Hz),relative gain,phase (deg)\n" + rows(HERTZ, SIZE, DEG), words="no magnitude among"),
     Layout("a lead with a sign", "f (Hz),gain,-phase (deg)\n" + rows(HERTZ, SIZE, -DEG), words="not read: '-phase"),
     Layout(
@@ -307,6 +318,7 @@ RECORDS = [
     Layout("current", "time_s,current_A,position_v\n" + PLAIN, said="'current_A' is read in A, where"),
     Layout("position first, by unit", "time,laser (mm),amp (V)\n" + SWAPPED, said="'amp (V)' is read as the command"),
     Layout("position first, by name", "time,encoder,motor\n" + SWAPPED, said="'motor' is read as the command"),
+    Layout("position first, by letter", "time,y1,u1\n" + SWAPPED, said="'u1' is read as the command"),
     Layout("by their order", "time,a,b\n" + PLAIN, said="'a' is read as the command, 'b' as the position"),
     Layout(
         "an unknown unit", "time,command,position [inch]\n" + PLAIN, said="'position [inch]' has no unit that is known"
@@ -422,6 +434,24 @@ def test_identify__quantity_that_the_unit_contradicts__is_refused(tmp_path: Path
     path.write_text("t,u,position_mm\n" + PLAIN)
     assert main(["identify", str(path), "--quantity", "velocity"]) == 2
     assert "quantity is 'velocity', while the position is in mm; it must be 'displacement'" in capsys.readouterr().err
+
+
+def test_display__names_the_columns_of_a_response_or_is_refused_with_what_to_write(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text(GERMAN, encoding="utf-8")
+    entry = {"name": "x", "sensor_gain_v_per_mm": 2.0, "travel_mm": 4.0, "structure": "none"}
+    document: dict[str, Any] = {"display": {"rate_hz": 8000.0}, "threshold": {"band_hz": [12.0, 300.0]}}
+
+    def channel(plant: Any) -> Any:
+        return parse_display({**document, "channel": [{**entry, "plant": plant}]}, beside=tmp_path).channels[0]
+
+    named = channel({"file": "r.csv", "phase": "Winkel in Grad=deg"})
+    far = (HERTZ < 100.0) | (HERTZ > 300.0)  # from the resonance, which has few points
+    np.testing.assert_allclose(np.abs(named.plant.response(HERTZ[far])), SIZE[far], rtol=0.05)
+    with pytest.raises(BadInput, match=r"may be degrees or gradians.*plant = \{ file = "):
+        channel("r.csv")
+    for table, words in (({"file": "r.csv", "phse": "x"}, "did you mean 'phase'"), ({"phase": "x"}, "not a known key")):
+        with pytest.raises(BadInput, match=words):
+            channel(table)
 
 
 MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " ", "blanks": "   "}

@@ -72,7 +72,7 @@ def unit_of(text: str) -> Unit | None:
     plain = plain.removeprefix("in ")
     if plain in _UNITS:
         return _UNITS[plain]
-    if re.match(r"(?i)db\b|db(?:v|u|m|spl|fs)\b", plain):
+    if re.match(r"(?i)db(?:20|v|u|m|spl|fs)?\b(?!\s*[/x*]\s*\d)", plain):
         return Unit("dB", "level")
     if ratio := re.fullmatch(r"\(?(.+?)\)?/\(?(?:[mk]?V|[mu]?A|[mk]?N)\)?", plain):
         return unit_of(ratio[1])
@@ -168,6 +168,8 @@ def _split(text: str) -> ColumnName:
 
 
 def _unbracketed(text: str, plain: str) -> ColumnName:
+    if whole := unit_of(plain) if len(plain) > 1 or plain == "\u00b0" else None:
+        return ColumnName(text, "", whole)
     parts = list(re.finditer(r"[\s_/,.:\-]+", plain))
     for mark in parts[-3:]:
         ending = plain[mark.end() :]
@@ -178,8 +180,7 @@ def _unbracketed(text: str, plain: str) -> ColumnName:
             return ColumnName(text, plain[: mark.start()], unit)
     if attached := re.search(r"(?<=[a-z])(?:dB|DB|Hz|Deg|Rad)$", plain):
         return ColumnName(text, plain[: attached.start()], unit_of(attached[0]) or NO_UNIT)
-    whole = unit_of(plain) if len(plain) > 1 or plain == "\u00b0" else None
-    return ColumnName(text, "" if whole else plain, whole or NO_UNIT)
+    return ColumnName(text, plain)
 
 
 def is_units(cells: Iterable[str]) -> bool:

@@ -390,8 +390,9 @@ _OF_POSITION = re.compile(r"sens|encod|respon|measur|feedb|laser|lvdt|probe|gaug
 
 def _leans(column: ColumnName) -> int:
     """Return 1 for a column that is a position rather than a command by its name or unit, -1 the other way round."""
-    is_position = column.quantity != "" or any(map(_OF_POSITION.match, column.words))
-    return is_position - any(map(_OF_COMMAND.match, column.words))
+    words = {word.rstrip("0123456789") for word in column.words}
+    is_position = column.quantity != "" or any(map(_OF_POSITION.match, column.words)) or bool(words & {*OUTPUT_NAMES})
+    return is_position - (any(map(_OF_COMMAND.match, column.words)) or bool(words & {*INPUT_NAMES}))
 
 
 def write_record(path: str | Path, record: Record) -> None:

@@ -52,10 +52,14 @@ NO_NAMES = ResponseColumns()
 
 _ASIDE = re.compile(
     "confid|noise|error|std|deviat|distort|thd|floor|delay|group|latency|uncert|limit|target|minim|maxim|toleran|snr|"
-    "attenuat|loss|weight|lag$|squar|power|invers|recipr|normal|relativ|index|bin$|neg|log(10)?$|x10+$|\u00b2$"
+    "attenuat|loss|weight|lag$|squar|power|invers|recipr|normal|relativ|index|bin$|neg|half|sqrt|\\d*log(10)?$|l[gn]$|x10+$|\u00b2$"
 )
 """Beginnings of words that make a column something else than the response itself."""
-_CHANGED = re.compile(r"^\s*[-\u2212]|\^\s*2|^1\s*/|(?i:freq\w*\s+ratio)")
+_CHANGED = re.compile(
+    r"^\s*[-\u2212]|^1\s*/|(?:[/*^\u00d7]|\bx)\s*[2-9.]|(?<![\w.])(?:10+|0?\.\d+|\d+[eE][-+]?\d+)(?!\w)|(?i:freq\w*\s+ratio)"
+)
+"""What makes a name that of a multiple, a power or an inverse."""
+_LOGARITHMS = {"log", "20log", "log10", "20log10"}
 _ROLES = (
     ("coherence", "coher|coh$|cxy$|gamma2$|\u03b32$", ("",)),
     ("imaginary", "imag|im$", _LINEAR),
@@ -80,7 +84,7 @@ def role_of(column: ColumnName) -> str:
     words, kind = column.words, column.unit.kind
     if "confidence" in words and kind == "level":
         return "confidence"
-    if any(map(_ASIDE.match, words - ({"log"} if kind == "level" else set()))) or _CHANGED.search(column.text):
+    if any(map(_ASIDE.match, words - (_LOGARITHMS if kind == "level" else set()))) or _CHANGED.search(column.base):
         return ""
     words = words - {"re"} if "db" in words else words
     for role, starts, kinds in _ROLES:
