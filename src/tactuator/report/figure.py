@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
@@ -69,7 +69,7 @@ def frequency_axis(axes: Axes, low_hz: float, high_hz: float, y_label: str = "",
     ticks: Sequence[float] = [tick for tick in (_DECADES_HZ if decades else _TICKS_HZ) if low_hz <= tick <= high_hz]
     axes.xaxis.set_major_locator(FixedLocator(ticks))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_minor_locator(NullLocator())  # a third of the time that drawing takes
     if label:
         axes.set_xlabel("frequency (Hz)", fontsize=9)
     if y_label:

@@ -138,7 +138,7 @@ def _frame(axes: Axes, tracks: Sequence[_Track]) -> None:
 
 def _grid(axes: Axes, limits: Margins) -> None:
     """Draw contours of |T| and of the phase of T, and those of the peaks of |T| and |S|."""
-    phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 700), np.linspace(*axes.get_ylim(), 500))
+    phase, level = np.meshgrid(np.linspace(*axes.get_xlim(), 350), np.linspace(*axes.get_ylim(), 250))
     loop = 10.0 ** (level / 20.0) * np.exp(1j * np.radians(phase))
     with np.errstate(all="ignore"):
         closed = np.asarray(loop / (1.0 + loop))
