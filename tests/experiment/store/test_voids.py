@@ -17,6 +17,7 @@ from tactuator.experiment.simulated.subjects import run_study, simulated_observe
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import Store, opened_store
 from tests.experiment.session.apparatuses import PROTOCOL, ObedientClock, apparatus, begin, opened_study, rows_of
+from tests.postgres import PostgresServer
 
 STAIRS = 'kind = "up-down"\nstart_db_sl = 20\nsteps_db = [4, 2]\nreversals = 6\naveraged = 4'
 TEXT = PROTOCOL.replace(STAIRS, 'kind = "quest-plus"\ntrials = 12').replace('"EX"', '"EX"\nvisits = 2')
@@ -27,16 +28,19 @@ DELETED = {
 }
 
 
-@pytest.fixture(scope="module")
-def study_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("store") / "lab.db"
+def fill(store):
     place = apparatus()
     curve = place.controller.display.channels[0].threshold.curve
-    with opened_store(path) as made:
+    with opened_store(store) as made:
         people = simulated_observers(curve, 2, 3, place.band_hz)
         for _ in range(2):
             run_study(made, parse_protocol(TEXT, Protocol), TEXT, place, people, ObedientClock())
-    return path
+    return store
+
+
+@pytest.fixture(scope="module")
+def study_file(tmp_path_factory):
+    return fill(tmp_path_factory.mktemp("store") / "lab.db")
 
 
 @pytest.fixture
@@ -184,3 +188,29 @@ def test_rename__subject__is_the_same_person_everywhere_and_to_the_protocol_file
     erase(lab, "Q7")
     left = lab.read_bytes()
     assert not [name for name in (b"subject Q7", b'"S2"', b"clearer") if name in left]
+
+
+@pytest.mark.slow
+def test_postgres__void_rename_and_erase__are_as_in_a_file(lab, tmp_path) -> None:
+    with closing(PostgresServer()) as server:
+        place = fill(server.database("study"))
+        for store in (lab, place):
+            void("S1", store, "a siren", 2)
+            void("S2", store, "a siren", 1, trial=None, run=runs_of(store, "S2")[1])
+            rename("S2", "Zaphod", store, "clearer")
+        found, expected = tables(place, tmp_path / "server"), tables(lab, tmp_path / "file")
+        assert found == expected
+        erased = erase(place, "Zaphod")
+        assert (erased.visits, erased.runs, erased.trials) == (2, 8, 76)  # two of each visit are practice
+        left = tables(place, tmp_path / "left")["trials"]
+        assert left == "".join(line for line in expected["trials"].splitlines(keepends=True) if ",Zaphod," not in line)
+        with closing(Store(place, must_exist=True)) as store:
+            every = str([rows_of(store, select(table)) for table in schema.tables.sorted_tables])
+        assert "a siren" in every
+        assert not [name for name in ("Zaphod", '"S2"', "clearer") if name in every]
+
+
+def runs_of(place, code):
+    query = select(schema.run.c.id).select_from(schema.RUNS).where(schema.subject.c.code == code)
+    with closing(Store(place, must_exist=True)) as store:
+        return [row.id for row in rows_of(store, query.order_by(schema.run.c.id))]
