@@ -28,6 +28,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -105,6 +106,12 @@ def named_file(path: str | Path, use: str) -> Iterator[None]:
         raise
 
 
+@lru_cache(maxsize=100)
+def _log_once(words: str) -> None:
+    """Log a refusal; the same one, asked for again and again, is one line."""
+    _LOG.warning("%s", words)
+
+
 @contextmanager
 def unquoted() -> Iterator[None]:
     """Refuse a file that a document names without a word of it, for a reader who may not read that file."""
@@ -113,7 +120,7 @@ def unquoted() -> Iterator[None]:
     except BadInput as error:
         if not error.file:
             raise
-        _LOG.warning("%s", error)
+        _log_once(str(error))
         raise BadInput(f"{error.file} cannot be used: the server's terminal says why") from None
 
 

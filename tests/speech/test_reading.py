@@ -115,6 +115,52 @@ def test_scan_speech__stream_of_unknown_length__read_to_its_end(write_sound, sub
     np.testing.assert_array_equal(read(got), whole)
 
 
+def with_unknown_length(kind, content):
+    """The bytes of a file of 16 bits whose writer could not go back to write the lengths, by each format's own text."""
+    if kind == "AU":  # 32 bits at 8
+        return content[:8] + bytes(4) + content[12:]
+    at = content.index(b"data")
+    if kind == "CAF":  # -1 for the chunk of samples
+        return content[: at + 4] + b"\xff" * 8 + content[at + 12 :]
+    if kind == "W64":  # of the file after its GUID, and of the chunk after its own
+        return content[:16] + b"\xff" * 8 + content[24 : at + 16] + b"\xff" * 8 + content[at + 24 :]
+    table = content.index(b"ds64") + 8  # sizes of file and samples, and the number of samples
+    return content[:table] + bytes(24) + content[table + 24 :]
+
+
+@pytest.mark.parametrize("kind", ["AU", "CAF", "W64", "RF64"])
+def test_scan_speech__length_not_known_to_its_writer__read_to_its_end(tmp_path, kind):
+    path = tmp_path / f"speech.{kind.lower()}"
+    soundfile.write(path, tone(2.0), 16000, format=kind, subtype="PCM_16")
+    whole = read(path)
+    path.write_bytes(with_unknown_length(kind, path.read_bytes()))
+    assert scan_speech(path).frames == 32000
+    np.testing.assert_array_equal(read(path), whole)
+
+
+def test_scan_speech__ogg_of_two_streams__is_refused_and_not_half_read(tmp_path):
+    path = tmp_path / "speech.ogg"
+    soundfile.write(path, tone(2.0), 16000)
+    assert scan_speech(path).frames == 32000
+    path.write_bytes(2 * path.read_bytes())
+    with pytest.raises(BadInput, match="2 Ogg streams in one file; expected a single one"):
+        scan_speech(path)
+
+
+@pytest.mark.parametrize("before", [bytes(500), b"half a frame"])
+def test_scan_speech__mp3_that_begins_with_something_else__is_not_half_read(tmp_path, before):
+    path = tmp_path / "m.mp3"
+    loud = np.r_[0.001 * tone(2.0), np.random.default_rng(1).uniform(-0.5, 0.5, 32000)]
+    soundfile.write(path, loud, 16000, bitrate_mode="VARIABLE")
+    content = without_index(path) and path.read_bytes()
+    path.write_bytes(before + content)
+    try:
+        frames = scan_speech(path).frames
+    except BadInput:
+        return
+    assert abs(frames - loud.size) <= 4 * 576
+
+
 def without_index(path):
     """An MP3 without its first frame, where the index is."""
     content = path.read_bytes()

@@ -153,6 +153,12 @@ PHONES = [(0, 0.5, ""), (0.5, 0.6, "HH"), (0.6, 0.75, "AH0"), (0.75, 1.0, "L"), 
         *((short_form(("phones", PHONES), size=size), "cut off or damaged") for size in (1, 2, 3, 4, 5, 7, 8, 9, 50)),
         (short_form(("phones", PHONES), ("words", PHONES), size=5), "cut off or damaged"),
         (short_form(("phones", PHONES), ("words", PHONES), size=7), "cut off or damaged"),
+        *(
+            (short_form(("words", PHONES), ("phones", PHONES)).replace("<exists>\n2", f"<exists>\n{count}"), "cut off")
+            for count in (0, 1, 3)
+        ),
+        (short_form(("phones", [(0, 0.5, "HH"), (0.3, 1, "L"), (1, 2, "S")])), "intervals that overlap, at 'L'"),
+        (short_form(("phones", [(0, 0.5, "HH"), (0.5, 0.4, "L"), (0.5, 2, "S")])), "go back, or intervals that"),
         (short_form(("phones", PHONES), ("phones", [(0, 2, "S")])), "two tiers named 'phones'; expected a name"),
         (short_form(("words", PHONES), ("words", PHONES)), "two tiers named 'words'"),
         ("ooBinaryFile\x08TextGrid\0\0", "Praat's binary form; expected text"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import struct
 import threading
 from collections.abc import Iterator, Mapping
@@ -17,10 +18,10 @@ from tactuator.errors import BadInput
 
 _STREAMED = 0x7FFF0000
 """Lengths from here on, and 0, are written by a program that did not know the length: ffmpeg, sox, arecord."""
-_HEAD_BYTES, _RIFF_BYTES = 36, 12
+_HEAD_BYTES, _RIFF_BYTES, _OGG_BEGINS = 36, 12, 2
 _FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
 _KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd", b"riff")
-_QUIET = threading.Lock()
+_QUIET = threading.RLock()
 _TIMES_LONGER, _TAG_BYTES = 64, 128
 _INDEXES = (b"Xing", b"Info", b"VBRI")
 _FIRST_FRAME_BYTES = 1 << 12
@@ -60,14 +61,19 @@ def is_indexed(path: Path) -> bool:
     """Return whether the length that the library gives is the file's own: an MP3 without an index is estimated."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
-        if head[:3] != b"ID3" and head[:1] != b"\xff":
+        if head[:4] in _KNOWN:
             return True
         begins = 0
         if head[:3] == b"ID3":
             begins = 10 + sum((byte & 127) << 7 * (3 - k) for k, byte in enumerate(head[6:10]))
         file.seek(begins)
         first = file.read(_FIRST_FRAME_BYTES)
-    return any(index in first for index in _INDEXES)
+    if any(index in first for index in _INDEXES):
+        return True
+    if head[:3] == b"ID3" or head[:1] == b"\xff":
+        return False
+    with without_remarks(path):  # a recording of a broadcast begins anywhere
+        return bool(soundfile.info(str(path)).format != "MP3")
 
 
 @contextmanager
@@ -97,7 +103,59 @@ def _source(path: Path) -> Path | _ReadThrough:
                 if chunk[:4] == wanted:
                     break
                 file.seek(length + length % 2, 1)
+        elif head[:4] in _UNKNOWN_LENGTH and (patches := _UNKNOWN_LENGTH[head[:4]](file, size)):
+            return _ReadThrough(path, patches, size)
     return path
+
+
+def _patches_of_au(file: BinaryIO, size: int) -> dict[int, bytes]:
+    file.seek(4)
+    begins, length = struct.unpack(">II", file.read(8))
+    return {8: struct.pack(">I", size - begins)} if _is_streamed(length) else {}
+
+
+def _patches_of_caf(file: BinaryIO, size: int) -> dict[int, bytes]:
+    file.seek(8)
+    while len(chunk := file.read(12)) == 12:
+        (length,) = struct.unpack(">q", chunk[4:])
+        if chunk[:4] == b"data" or length < 0:
+            return {file.tell() - 8: struct.pack(">q", size - file.tell())} if length == -1 else {}
+        file.seek(min(length, 1 << 62), 1)
+    return {}
+
+
+def _patches_of_rf64(file: BinaryIO, size: int) -> dict[int, bytes]:
+    file.seek(_RIFF_BYTES)
+    head = file.read(24)
+    if head[:4] != b"ds64" or struct.unpack("<Q", head[16:])[0] not in _UNKNOWN_64:
+        return {}
+    file.seek(_RIFF_BYTES)
+    while len(chunk := file.read(8)) == 8:
+        if chunk[:4] == b"data":
+            return {20: struct.pack("<QQ", size - 8, size - file.tell())}
+        file.seek(struct.unpack("<I", chunk[4:])[0], 1)
+    return {}
+
+
+def _patches_of_w64(file: BinaryIO, size: int) -> dict[int, bytes]:
+    file.seek(_W64_HEAD_BYTES)
+    while len(chunk := file.read(24)) == 24:
+        (length,) = struct.unpack("<Q", chunk[16:])
+        begins = file.tell() - 24
+        if chunk[:4] == b"data":
+            unknown = length in (24, *_UNKNOWN_64)
+            return {16: struct.pack("<Q", size), begins + 16: struct.pack("<Q", size - begins)} if unknown else {}
+        if length < 24:
+            return {}
+        file.seek(begins + (length + 7) // 8 * 8)
+    return {}
+
+
+_UNKNOWN_64, _W64_HEAD_BYTES = (0, (1 << 63) - 1, (1 << 64) - 1), 40
+_UNKNOWN_LENGTH = {
+    b".snd": _patches_of_au, b"caff": _patches_of_caf, b"RF64": _patches_of_rf64, b"riff": _patches_of_w64,
+}  # fmt: skip
+"""By the first bytes of a file, what gives the lengths that its writer did not know, by their places."""
 
 
 @contextmanager
@@ -122,13 +180,17 @@ def without_remarks(path: Path) -> Iterator[None]:
 
 def require_whole(path: Path) -> None:
     """Raise BadInput, without the file's name, where a WAV (RF64 and W64, too), AIFF, AU or CAF states more bytes than
-    are there.
+    are there, and for an Ogg file of several streams.
 
     The library that reads the samples takes such a file for a shorter one, and says nothing. Raises OSError.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
+        if head[:4] == b"OggS":
+            begins = sum(kind[0] & _OGG_BEGINS > 0 for kind in re.findall(rb"OggS\0(.)", path.read_bytes(), re.DOTALL))
+            if begins > 1:
+                raise BadInput(f"{begins} Ogg streams in one file", "a single one, which is all that is read")
         if len(head) == _HEAD_BYTES and head[:4] in _STATED:
             _require(_STATED[head[:4]](file, head), size)
         if len(head) < _RIFF_BYTES or head[:4] not in _FORMS:
@@ -171,11 +233,13 @@ def _end_of_au(file: BinaryIO, head: bytes) -> int:
 
 
 def _end_of_rf64(file: BinaryIO, head: bytes) -> int:
-    return int(struct.unpack("<Q", head[20:28])[0]) + 8 if head[12:16] == b"ds64" else 0
+    stated = int(struct.unpack("<Q", head[20:28])[0])
+    return stated + 8 if head[12:16] == b"ds64" and stated not in _UNKNOWN_64 else 0
 
 
 def _end_of_w64(file: BinaryIO, head: bytes) -> int:
-    return int(struct.unpack("<Q", head[16:24])[0])
+    stated = int(struct.unpack("<Q", head[16:24])[0])
+    return 0 if stated in _UNKNOWN_64 else stated
 
 
 def _end_of_caf(file: BinaryIO, head: bytes) -> int:

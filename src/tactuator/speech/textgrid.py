@@ -5,6 +5,7 @@ over.
 from __future__ import annotations
 
 import re
+from math import inf
 from pathlib import Path
 
 from tactuator.errors import BadInput, within
@@ -12,6 +13,7 @@ from tactuator.io.text import read_text
 from tactuator.speech.taps import Phoneme
 
 MOST_PHONEMES, LONGEST_S = 10_000, 3600.0
+_ROUNDED_S = 0.001
 _OF_ARPABET = {
     "IY": "EE", "EY": "AY", "AY": "I", "AA": "AH", "AO": "AW", "OW": "OE", "UW": "OO", "HH": "H", "JH": "J",
     "AW": "OW", "AH": "UH", "UH": "UU",
@@ -80,13 +82,14 @@ def _name(label: str) -> str:
 def _intervals(text: str) -> list[tuple[str, float]]:
     """Return the intervals of the tier of phones, in Praat's long or short text form: the order is the same."""
     tokens = [(words.replace('""', '"'), number) for words, number in _TOKEN.findall(text.partition('TextGrid"')[2])]
-    tiers: dict[str, list[tuple[str, float]]] = {}
-    at, twice = 0, None
+    tiers: dict[str, list[tuple[str, float, float]]] = {}
+    at, twice, begun, stated = 0, None, 0, ""
     try:
         while at < len(tokens):
             if tokens[at][0] not in ("IntervalTier", "TextTier"):
                 at += 1
                 continue
+            stated, begun = stated if begun or not at else tokens[at - 1][1], begun + 1
             kind, name, count = tokens[at][0], tokens[at + 1][0], int(tokens[at + 4][1])
             step = 3 if kind == "IntervalTier" else 2
             rows = [tokens[at + 5 + step * n : at + 5 + step * (n + 1)] for n in range(min(count, MOST_PHONEMES + 1))]
@@ -96,8 +99,10 @@ def _intervals(text: str) -> list[tuple[str, float]]:
                 raise ValueError
             if kind == "IntervalTier":
                 twice = name if name in tiers else twice
-                tiers[name] = [(row[2][0], float(row[0][1])) for row in rows]
+                tiers[name] = [(row[2][0], float(row[0][1]), float(row[1][1])) for row in rows]
             at = after
+        if stated not in ("", str(begun)):
+            raise ValueError
     except (IndexError, ValueError):
         raise BadInput("a TextGrid that is cut off or damaged", "one that Praat has written as text") from None
     if twice is not None:
@@ -105,4 +110,9 @@ def _intervals(text: str) -> list[tuple[str, float]]:
     named = [name for name in tiers if "phon" in name.lower()] or list(tiers)
     if len(named) != 1:
         raise BadInput(f"tiers {', '.join(tiers) or 'none'}", "one interval tier, or one whose name has 'phon' in it")
-    return tiers[named[0]]
+    free_s = -inf
+    for label, begin_s, end_s in tiers[named[0]]:
+        if begin_s < free_s - _ROUNDED_S or end_s < begin_s:
+            raise BadInput(f"times that go back, or intervals that overlap, at {label!r}", "one after another")
+        free_s = end_s
+    return [(label, begin_s) for label, begin_s, _ in tiers[named[0]]]
