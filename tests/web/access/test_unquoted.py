@@ -9,8 +9,11 @@ def test_unquoted__asked_a_thousand_times__one_line_each_for_what_differs(tmp_pa
     for name in ("first", "second"):
         (tmp_path / name).write_text("secret")
         for _ in range(1000):
-            with pytest.raises(BadInput, match="the server's terminal says why") as refused:
-                with unquoted(), named_file(tmp_path / name, "the curve"):
-                    raise BadInput(f"line 1 of {name} is 'secret'", "numbers")
+            with (
+                pytest.raises(BadInput, match="the server's terminal says why") as refused,
+                unquoted(),
+                named_file(tmp_path / name, "the curve"),
+            ):
+                raise BadInput(f"line 1 of {name} is 'secret'", "numbers")
             assert "secret" not in str(refused.value)
     assert [record.getMessage().count("secret") for record in caplog.records] == [1, 1]
