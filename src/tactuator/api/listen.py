@@ -103,7 +103,7 @@ def listen(
         loaded = chosen_controller(display, controller)
         with (
             opened(rig, loaded.display, seed) as ready,
-            fed_shortly(ready) as lead_s,
+            fed_shortly(ready),
             wishes() as wish,
             working("listen") as step,
         ):
@@ -124,7 +124,7 @@ def listen(
                     report(state, stream.stop)
 
             run_live(stream, paced, source, each)
-            delays_s = stream.delays() | {"rig": lead_s + _late(loaded)}
+            delays_s = stream.delays() | {"rig": ready.lead_s + _late(loaded)}
     name = rig if isinstance(rig, str) else type(rig).__name__
     return ListenResult(name, stream.state, stream.stopped, delays_s, dict(stream.coding_delays), source.notes)
 

@@ -142,15 +142,16 @@ class Lost(SimulatedRig):
 
 
 @pytest.mark.parametrize(
-    ("fault", "rests"), [(DeviceFault("gone"), 1), (KeyboardInterrupt(), 1), (TimingMissed("dry"), 3)]
+    ("fault", "rests"), [(DeviceFault("gone"), 1), (KeyboardInterrupt(), 1), (TimingMissed("dry"), 5)]
 )
 def test_live_stream__rig_lost__source_closed_and_rig_at_rest(controller, fault, rests):
     rig, source = Lost(controller.display, 5), FileSource(sentence_path())
     rig.load(controller)
-    rig.fault, rig.rests = fault, 0
+    rig.fault, rig.rests, rig.lead_s = fault, 0, 0.001
     with pytest.raises(type(fault)):
         played(controller, source, rig=rig)
     assert rig.rests == rests
+    assert rig.lead_s == 0.001 * 2 ** (rests - 1)
     assert source.ended
 
 

@@ -10,19 +10,19 @@ from tactuator.rig.rig import Rig
 from tactuator.speech.live.source import Source
 from tactuator.speech.live.stream import LiveState, LiveStream
 
-LEAD_S = 0.01
-"""By which a rig is fed ahead, as far as it can be so little."""
+LEAD_S = 0.005
+"""By which a rig is fed ahead at first, as far as it can be so little; twice as far after each time that it ran dry."""
 REPORT_S = 0.05
-MOST_MISSES, SOUND_S = 3, 1.0
+MOST_MISSES, SOUND_S = 5, 1.0
 """A rig that misses its time so often, each less than a second after it began, is given up."""
 
 
 @contextmanager
-def fed_shortly(rig: Rig) -> Iterator[float]:
-    """Feed a rig as little ahead as it allows, and yield by how much, seconds."""
+def fed_shortly(rig: Rig) -> Iterator[None]:
+    """Feed a rig as little ahead as it allows."""
     lead_s, rig.lead_s = rig.lead_s, min(rig.lead_s, LEAD_S)
     try:
-        yield rig.lead_s
+        yield
     finally:
         rig.lead_s = lead_s
 
@@ -50,6 +50,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Liv
                     if misses >= MOST_MISSES:
                         raise
                     rig.rest()
+                    rig.lead_s *= 2.0
                     stream.lost()
             if (fault := getattr(source, "fault", None)) is not None:
                 raise fault
