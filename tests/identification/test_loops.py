@@ -3,6 +3,8 @@
 The loop is stepped here sample by sample, with SciPy's hold of the plant.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -82,6 +84,18 @@ def test_identify__plant_that_only_the_loop_holds__is_believed_with_a_reference(
     found = identify(looped(num, den, (3.0, 0.0, 0.15), seconds=20.0, noise_v=1e-4))
     assert np.sort(np.roots(found.model.den).real) == pytest.approx([-w, w], rel=0.02)
     assert found.holds
+
+
+@pytest.mark.parametrize("force", [(1.0, 0.0), (0.9, 0.1)], ids=["undisturbed", "slow force"])
+def test_identify__plant_that_only_the_loop_holds__is_believed_without_one(force: tuple[float, float]) -> None:
+    w = 2.0 * np.pi * 1.2
+    num, den = np.array([w * w]), np.array([1.0, 0.0, -w * w])
+    record = looped(num, den, (3.0, 0.0, 0.15), seconds=12.0, noise_v=1e-3, force=force, levels_v=0.3, seed=4)
+    found = identify(replace(record, reference=None), friction=False)
+    assert np.sort(np.roots(found.model.den).real) == pytest.approx([-w, w], rel=0.15)
+    hertz = np.geomspace(*found.model.valid_hz, 60)
+    assert np.all(np.abs(off_db(found, num, den, hertz)) <= found.model.band_db(hertz) + 0.1)
+    assert (found.tests.feedback_is, found.holds) == ("likely: yes", True)
 
 
 def test_identify__closed_loop_stated_no__begins_from_the_record_alone() -> None:

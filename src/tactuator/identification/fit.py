@@ -177,7 +177,11 @@ def _searched(
     # in a loop a model that is not causal takes the noise in the command for an answer
     mirrored = [replace(fit, theta=np.abs(fit.theta)) for fit in (best.choice.fit, *proposals)]
     stable = _tried(choose(data, mirrored, hold, known, stable=True), data)
-    return stable if stable.evidence < best.evidence + CERTAIN else best
+    if stable.evidence > best.evidence + CERTAIN:
+        return best
+    if stable.evidence > best.evidence - CERTAIN:
+        stable = replace(stable, choice=replace(stable.choice, rival=best.choice.fit))
+    return stable
 
 
 def propose_starts(

@@ -73,11 +73,12 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
     data, starts, first = _begin(data, holds, known, note)
     # a command recorded behind a filter runs ahead of its own past
     if distortion is None and common.in_loop is not False and holds != ("band-limited",):
-        causal = data.beside_loop(suspected=first.chosen.fit.growth > 0.0 or common.in_loop is True)
+        suspected = first.chosen.fit.growth > 0.0 or common.in_loop is True
+        causal = data.beside_loop(suspected=suspected)
         if causal is not None:
             note("a loop may have answered the noise: starting from an autoregressive response")
             other = _begin(causal, holds, known, note)
-            if other[2].evidence < first.evidence - CERTAIN:
+            if other[2].evidence < first.evidence + (CERTAIN if suspected else -CERTAIN):
                 data, starts, first = other
     if source == "data":
         _require_held(common, holds, known, first if distortion is None else None)

@@ -56,6 +56,9 @@ _VAGUE = 0.5
 where it did, of 200 drawn records."""
 _DEGREES = 14.0
 """Time scales by which a residual is tested."""
+_RUN_AWAY, _FREE_OF_COMMAND = 20.0, 0.01
+"""Nepers by which a growing pole grows in a record, and the chance of a residual free of the command, beyond which a
+loop has to have held the plant."""
 _BY_REFERENCE = "of the command what follows the recorded reference was fitted, free of noise fed back"
 _UNRESOLVED = 5.0
 """Half-width of a Coulomb level c that builds up between two samples, in c²/(rms of the command): on records of another
@@ -195,6 +198,9 @@ def _model(
     fixed = [value for value in common.options.fixed if value.binds(fit.form)]
     table = np.geomspace(1.0 / common.longest_s, 0.5 * common.rate_hz, _TABLE)
     beyond = other_forms(choice, table)
+    if choice.rival is not None:
+        away = np.log(choice.rival.response(table) / fit.response(table))
+        beyond = beyond.joined((np.abs(away.real) + 1j * np.abs(away.imag)) / Z95)
     skew_s = max(-fit.delay_s, 0.0)
     record: dict[str, str | float] = {"hold": choice.hold}
     if skew_s:
@@ -264,12 +270,16 @@ def _tests(
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
     part = max(range(len(tests)), key=lambda k: tests[k].knock)
     skew_ppm, drift = along_record(fit, residuals)
-    feedback: bool | None = True in seen or None
+    lasting_s = max(part.samples / part.rate_hz for part in estimate.spectra)
+    uncorrelated_p = min(1.0, len(tests) * min(test.uncorrelated_p for test in tests))
+    # outside a loop a plant with such poles would have run away long before the record's end
+    is_held = estimate.data.in_loop and fit.growth * lasting_s > _RUN_AWAY and uncorrelated_p > _FREE_OF_COMMAND
+    feedback: bool | None = True in seen or is_held or None
     if distortion is not None and distortion.repeats is not None:
         feedback = not distortion.repeats
     return ResidualTests(
         white_p=min(1.0, len(tests) * min(test.white_p for test in tests)),
-        uncorrelated_p=min(1.0, len(tests) * min(test.uncorrelated_p for test in tests)),
+        uncorrelated_p=uncorrelated_p,
         unexplained=max(test.unexplained for test in tests),
         feedback=feedback,
         knock=tests[part].knock,

@@ -464,9 +464,11 @@ _WIDTH, _FEWEST_AVERAGED = 0.12, 40
 """Width of the mean over the frequency, and lines in it at least: the power is known to 16 %."""
 
 
-def _noise_power(given: Equations, residual: ComplexArray, shape: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return the residual's mean power at each equation (e,), over 12 % of frequency, 40 lines, where it has the shape
-    of a power (of frequencies in hertz) times one that hardly changes over such a band.
+def _noise_power(
+    given: Equations, residual: ComplexArray, shape: Callable[[FloatArray], FloatArray], fewest: int
+) -> FloatArray:
+    """Return the residual's mean power at each equation (e,), over 12 % of frequency, `fewest` lines, where it has the
+    shape of a power (of frequencies in hertz) times one that hardly changes over such a band.
     """
     frequency = np.concatenate([given.of_hz, given.centre_hz])
     power = np.concatenate([np.abs(residual) ** 2, given.rest]) / shape(frequency)
@@ -474,7 +476,7 @@ def _noise_power(given: Equations, residual: ComplexArray, shape: Callable[[Floa
     order = np.argsort(frequency, kind="stable")
     place = frequency[order]
     rows = np.stack([power[order], count[order]])
-    mean = mean_over_frequency(rows, place, given.of_hz, 0.5 * _WIDTH, _FEWEST_AVERAGED)
+    mean = mean_over_frequency(rows, place, given.of_hz, 0.5 * _WIDTH, fewest)
     return np.asarray(np.maximum(mean[0] / mean[1] * shape(given.of_hz), 1e-30))
 
 
@@ -483,18 +485,19 @@ def weights(
     residual: ComplexArray,
     highest_hz: float,
     shape: Callable[[FloatArray], FloatArray] = np.ones_like,
+    fewest: int = _FEWEST_AVERAGED,
 ) -> FloatArray:
     """Return one over each record's noise's deviation at each equation up to highest_hz, zero beyond, (e,).
 
     shape: what a disturbance at the mechanism's input makes of its power, up to a factor; it is taken where it makes
-    the residual more likely than noise without it.
+    the residual more likely than noise without it. fewest: lines in a mean, at least.
     """
     used = given.of_hz <= highest_hz
     pieces = zip(given.parts, equation_slices(given), strict=True)
     by_equation = np.concatenate(
         [
             min(
-                (_noise_power(part, residual[piece], of) for of in (np.ones_like, shape)),
+                (_noise_power(part, residual[piece], of, fewest) for of in (np.ones_like, shape)),
                 key=lambda power: float(np.sum((np.log(power) + np.abs(residual[piece]) ** 2 / power)[used[piece]])),
             )
             for part, piece in pieces

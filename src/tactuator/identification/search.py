@@ -51,12 +51,13 @@ _POOR = 3.0
 @dataclass(frozen=True, eq=False)
 class Choice:
     """Under one hold: the fit chosen, every form that was fitted to the record with its criterion (Bayes), and the
-    problem with the noise's weights."""
+    problem with the noise's weights. rival: a fit with growing poles that the record does not exclude."""
 
     hold: Hold
     fit: SpectralFit
     fits: dict[Form, SpectralFit]
     problem: SpectralProblem
+    rival: SpectralFit | None = None
 
 
 def propose(
