@@ -14,6 +14,7 @@ from tactuator.identification.autoregressive import autoregressive_response
 from tactuator.identification.data import response_of
 from tactuator.identification.identify import identify
 from tactuator.signals.record import Record
+from witnesses.identification.feedback import judged
 
 RATE_HZ = 2000.0
 Array = NDArray[np.float64]
@@ -84,6 +85,11 @@ def test_identify__plant_that_only_the_loop_holds__is_believed_with_a_reference(
     found = identify(looped(num, den, (3.0, 0.0, 0.15), seconds=20.0, noise_v=1e-4))
     assert np.sort(np.roots(found.model.den).real) == pytest.approx([-w, w], rel=0.02)
     assert found.holds
+
+
+@pytest.mark.parametrize(("seed", "verdict"), [(13, "ok"), (16, "ok")], ids=["slow force", "loop that leaves no trace"])
+def test_identify__drawn_plant_that_only_the_loop_holds__band_holds_the_truth(seed: int, verdict: str) -> None:
+    assert judged(seed, True)[:2] == (verdict, True)
 
 
 @pytest.mark.parametrize("force", [(1.0, 0.0), (0.9, 0.1)], ids=["undisturbed", "slow force"])
