@@ -171,6 +171,7 @@ class Store:
         whole: bool = True,
         voided: bool = False,
     ) -> None:
+        self._mode = ""
         self.voided, self.usable = voided, schema.USABLE[voided]
         self.is_file = not is_server(place)
         self.path = Path(place)
@@ -218,8 +219,10 @@ class Store:
         if self._log_size():
             got = f"store {self.path} cannot be written and has a log, {self._log.name}"
             raise BadInput(got, "both copied to a folder that can be written")
-        uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1&uri=true"
-        engine = create_engine(f"sqlite:///{uri}", connect_args={"check_same_thread": False})
+        self._mode = "?mode=ro&immutable=1"
+        engine = create_engine(
+            f"sqlite:///{self.path.resolve().as_uri()}{self._mode}&uri=true", connect_args={"check_same_thread": False}
+        )
         event.listen(engine, "connect", _prepare_read_only)
         event.listen(engine, "begin", _begin_in_file)
         return engine
@@ -314,7 +317,7 @@ class Store:
         with (
             self._faults_told(),
             atomic_path(out, is_store=True) as beside,
-            closing(sqlite3.connect(self.path)) as source,
+            closing(sqlite3.connect(f"{self.path.resolve().as_uri()}{self._mode}", uri=True)) as source,
             closing(sqlite3.connect(beside)) as copy,
         ):
             source.backup(copy)
