@@ -26,7 +26,7 @@ from tactuator.io.record import read_record, write_record
 from tactuator.io.reference import ReferenceHead, open_reference, write_reference
 from tactuator.io.response import read_responses
 from tactuator.io.shipped import EXAMPLES
-from tactuator.io.text import read_content
+from tactuator.io.text import parse_toml, read_content
 from tactuator.model.plant_model import PlantModel
 from tactuator.signals.record import Record
 from tactuator.speech.coding import read_coding
@@ -281,6 +281,14 @@ def test_toml__that_no_writer_writes__refused(tmp_path: Path, text: bytes) -> No
     (tmp_path / "board" / "board.toml").write_bytes(text)
     one_line(lambda: read_words(tmp_path / "board" / "board.toml", "en"), "language file")
     one_line(lambda: read_boards(tmp_path), "board.toml")
+
+
+def test_toml__points_and_spaces_in_a_comment__read_at_once() -> None:
+    leaders = f"# contents {'. ' * 60}3\n"  # with two ways for each space: years
+    assert parse_toml(f"{leaders}a = 1") == {"a": 1}
+    for dots in (" . " * 64, '."a" ' * 64, " .\t'a'" * 64):
+        with pytest.raises(BadInput, match="64 parts"):
+            parse_toml(f"a{dots} = 1")
 
 
 def test_pipe__that_nobody_writes_to__keeps_neither_a_reader_nor_a_server_waiting(tmp_path: Path) -> None:

@@ -17,8 +17,9 @@ LARGEST_BYTES = 12 << 20
 """Size of a text file that is read as a whole: its cells or tables take up to fifty times as much memory. Records are
 read in pieces and may be longer."""
 _LARGEST_TOML = 2 << 20
-_DEEP_KEY = re.compile(r"""(?:\.[ \t]*(?:[\w-]{0,64}|"[^"\n]{0,64}"|'[^'\n]{0,64}')[ \t]*){64}""")
-"""A key of so many parts takes the reader of TOML time and memory by the square of their number."""
+_DEEP_KEY = re.compile(r"""(?:\.[ \t]*+(?:[\w-]{0,64}+|"[^"\n]{0,64}+"|'[^'\n]{0,64}+')[ \t]*+){64}""")
+"""A key of so many parts takes the reader of TOML time and memory by the square of their number. Nothing is given back:
+between points with spaces, as in a comment, there would be two ways for each."""
 _TOML_KEY = re.compile(r"\('.*\)|(?<=key )'.*'")
 """The keys of the text that a refusal of the reader repeats."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))

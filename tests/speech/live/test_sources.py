@@ -63,6 +63,19 @@ def test_pipe__what_it_does_not_read__refused(content, rate_hz, got):
     assert got in refusal.value.got
 
 
+def test_pipe__head_that_claims_gigabytes__passed_over_in_pieces():
+    asked = []
+
+    class Claims(io.BytesIO):
+        def read(self, size=-1):
+            asked.append(size)
+            return super().read(size)
+
+    with pytest.raises(BadInput, match="ends before its samples"):
+        PipeSource(Claims(b"RIFF\0\0\0\0WAVEJUNK\xfe\xff\xff\xff" + b"\0" * 200_000))
+    assert max(asked) <= 1 << 16
+
+
 class Library:
     """PortAudio with a microphone that a test speaks into; refuses: with these words."""
 

@@ -29,6 +29,8 @@ AHEAD_S = 0.5
 """Standard input that is so far ahead is no live sound: it is a file, and goes at its own pace."""
 _FORMATS = {(1, 16): "<i2", (1, 32): "<i4", (3, 32): "<f4"}
 """Samples of a WAV by format and bits."""
+_FORMAT_BYTES, _SKIPPED_BYTES = 40, 1 << 16
+"""Length of a format; and of the pieces in which what is said to come before the samples, up to 4 GB, is passed over."""
 
 
 @runtime_checkable
@@ -167,7 +169,10 @@ def _wav_head(pipe: BinaryIO) -> tuple[str, int, int]:
                 raise BadInput(f"standard input: a WAV of format {kind}, {bits} bits, {channels} channels",
                                "16 or 32 bits, or floats of 32 bits")  # fmt: skip
             return _FORMATS[kind, bits], channels, rate
-        content = pipe.read(size + size % 2)
+        content = pipe.read(min(size + size % 2, _FORMAT_BYTES))
+        rest = size + size % 2 - len(content)
+        while rest and (skipped := pipe.read(min(rest, _SKIPPED_BYTES))):
+            rest -= len(skipped)
         if name == b"fmt " and len(content) >= 16:
             kind, channels, rate, _, _, bits = struct.unpack("<HHIIHH", content[:16])
             stored = (struct.unpack("<H", content[24:26])[0] if kind == 0xFFFE and len(content) >= 26 else kind,
