@@ -108,12 +108,14 @@ _STEP = re.compile(
     r"[ \t]*(?:[\[(](?P<unit>[^\])]*)[\])])?[\s:=;,\"]*(?:[a-z]+:)?([-+\d.,e]*\d)[ \t]*(?P<behind>[a-zA-Z\u00b5]*)"
 )
 """A step of time or a sampling rate with its value, as heads have it, and its unit before or behind it."""
+_MOST_OF_HEAD = 1000
+"""Characters of a line in which that is looked for: the search takes time by the square of their number."""
 
 
 def _stated_rate(head: Sequence[str]) -> float | None:
     """Return the sampling rate that a head states, hertz; None where it states none, or several."""
     rates = set[float]()
-    for found in filter(None, map(_STEP.search, head)):
+    for found in filter(None, (_STEP.search(line[:_MOST_OF_HEAD]) for line in head)):
         step, text = found[1], found["unit"] or found["behind"]
         value, unit = cell_value(found[3].rstrip(",")), unit_of(text) if text else None
         if value and (not text or (unit is not None and unit.kind == ("time" if step else "frequency"))):

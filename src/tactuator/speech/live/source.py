@@ -30,7 +30,7 @@ AHEAD_S = 0.5
 _FORMATS = {(1, 16): "<i2", (1, 32): "<i4", (3, 32): "<f4"}
 """Samples of a WAV by format and bits."""
 _FORMAT_BYTES, _SKIPPED_BYTES = 40, 1 << 16
-"""Length of a format; and of the pieces in which what is said to come before the samples, up to 4 GB, is passed over."""
+"""Length of a format; and of the pieces in which what comes before the samples, up to 4 GB, is passed over."""
 
 
 @runtime_checkable
