@@ -374,9 +374,9 @@ def _signals(
     elif y is None and u is not None and len(rest) == 2 and u.text in beside:
         y = next(name for name in rest if name.text != u.text)
     if u is None or y is None:
-        signals = (("the command (--input)", u), ("the position (--output)", y))
+        signals = (("the command (`input`)", u), ("the position (`output`)", y))
         missing = " and ".join(signal for signal, known in signals if known is None)
-        missing += " (and --time)" if time is None else ""
+        missing += " (and `time`)" if time is None else ""
         named = ", ".join(name.text for name in rest)
         raise BadInput("which column is which is not clear", f"names of {missing}, each one of {named}")
     if u.text == y.text:

@@ -91,23 +91,28 @@ def test_estimate__nothing_touches__cannot_tell() -> None:
 @pytest.mark.slow
 def test_measure__fingers_on_the_witness_s_device__recovered_within_confidence() -> None:
     """generator.c is a device with friction that shares nothing with the simulated display."""
-    rig = GeneratorRig(3)
     made = Controller(felt.example(), tuple(felt.fixed(place) for place in range(3)))
     truth = (0.09, 40.0, 250.0), (0.12, 28.0, 420.0), tuple(FINGER_CHAIN.tolist())
+    beyond: list[float] = []
+    for seed in (2, 3, 4):
+        rig = GeneratorRig(seed)
 
-    def touch(on: bool) -> None:
-        rig.fingers = truth if on else ()
+        def touch(on: bool, rig: GeneratorRig = rig) -> None:
+            rig.fingers = truth if on else ()
 
-    *ones, chain = measure_finger(rig, made, touch, np.random.default_rng(3), seconds=27.0)
-    for found, figures in zip(ones, truth, strict=False):
-        assert found.described_by == ONE
-        wrong = np.abs(np.array([found.mass, found.damping, found.stiffness]) - figures)
-        assert np.all(wrong <= np.array(found.half_width))
-        assert np.all(wrong / figures < [0.003, 0.003, 0.01])
-    assert chain.described_by == CHAIN
-    # its figures are no test: another chain, its spring 27 % and its mass 13 % off, is the same within 0.01 %
-    moved = chain_impedance(np.array(chain.chain), FREQUENCY_HZ) / chain_impedance(FINGER_CHAIN, FREQUENCY_HZ)
-    assert np.max(np.abs(moved - 1.0)) < 0.02
+        *ones, chain = measure_finger(rig, made, touch, np.random.default_rng(seed), seconds=27.0)
+        for found, figures in zip(ones, truth, strict=False):
+            assert found.described_by == ONE
+            wrong = np.abs(np.array([found.mass, found.damping, found.stiffness]) - figures)
+            assert np.all(wrong / figures < [0.003, 0.003, 0.01])
+            beyond += (wrong / np.array(found.half_width)).tolist()
+        assert chain.described_by == CHAIN
+        # its figures are no test: another chain, its spring 27 % and its mass 13 % off, is the same within 0.01 %
+        moved = chain_impedance(np.array(chain.chain), FREQUENCY_HZ) / chain_impedance(FINGER_CHAIN, FREQUENCY_HZ)
+        assert np.max(np.abs(moved - 1.0)) < 0.02
+    # of 18 figures at 95 %, more than three lie outside once in a hundred times
+    assert sum(ratio > 1.0 for ratio in beyond) <= 3
+    assert max(beyond) < 2.0
 
 
 class Warming(SimulatedRig):
