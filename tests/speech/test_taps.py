@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -97,6 +100,13 @@ def test_textgrid__that_is_none__is_refused(tmp_path, content, told):
     (tmp_path / "a.TextGrid").write_text(content)
     with pytest.raises(BadInput, match=f"a.TextGrid: .*{told}"):
         read_textgrid(tmp_path / "a.TextGrid")
+
+
+def test_textgrid__pipe_without_a_writer_or_a_name_with_nul__is_refused(tmp_path):
+    os.mkfifo(tmp_path / "a.TextGrid")
+    for path in (tmp_path / "a.TextGrid", Path("a\0b")):
+        with pytest.raises(BadInput):
+            read_textgrid(path)
 
 
 def test_taps_signal__on_three_fingers__bursts_at_their_times_and_levels(controller):

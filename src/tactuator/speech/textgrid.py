@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 
 from tactuator.errors import BadInput, within
-from tactuator.io.text import read_text
+from tactuator.io.text import read_content, read_text
 from tactuator.speech.taps import Phoneme
 
 MOST_PHONEMES, LONGEST_S = 10_000, 3600.0
@@ -50,11 +50,7 @@ def read_textgrid(path: Path) -> tuple[Phoneme, ...]:
 
 def _require_plain_text(path: Path) -> None:
     """Raise BadInput for Praat's other two forms of a TextGrid, by name."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(100)
-    except OSError:
-        return  # the reader says why not
+    head = read_content(path)[:100]
     for mark, form in ((b"ooBinaryFile", "binary"), (b"Praat chronological", "chronological")):
         if mark in head:
             raise BadInput(

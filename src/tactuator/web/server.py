@@ -167,7 +167,11 @@ def _log_visibly() -> None:
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
 
 
-_NO_REQUEST = ("Invalid HTTP request received.", "ASGI callable returned without completing handshake.")
+_NO_REQUEST = (
+    "Invalid HTTP request received.",
+    "ASGI callable returned without completing handshake.",
+    "Invalid UTF-8 sequence received from client.",
+)
 
 
 def _tells_of_us(record: logging.LogRecord) -> bool:

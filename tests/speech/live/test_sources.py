@@ -42,6 +42,11 @@ def test_pipe__wav_of_two_channels__their_mean_at_its_own_pace(subtype, atol):
     np.testing.assert_allclose(everything(source), 0.5 * TONE, atol=atol)
 
 
+def test_pipe__wav_with_a_chunk_behind_its_samples__plays_the_samples_alone():
+    content = wav(TONE, "PCM_16").getvalue() + b"LIST" + (4000).to_bytes(4, "little") + b"\x7f" * 4000
+    np.testing.assert_allclose(everything(PipeSource(io.BytesIO(content))), TONE, atol=1e-4)
+
+
 def test_pipe__raw_samples__those_at_the_rate_stated():
     source = PipeSource(io.BytesIO((32767 * TONE).astype("<i2").tobytes()), RATE)
     np.testing.assert_allclose(everything(source), TONE, atol=1e-4)

@@ -116,7 +116,7 @@ class PipeSource:
             raise BadInput(
                 "standard input is no WAV", "a WAV, or --rate with raw samples (16 bits, little-endian, mono)"
             )
-        dtype, channels, rate = _wav_head(pipe) if wav else ("<i2", 1, rate_hz)
+        dtype, channels, rate, left = _wav_head(pipe) if wav else ("<i2", 1, rate_hz, _ENDLESS)
         assert rate is not None
         if not LOWEST_RATE_HZ <= rate <= HIGHEST_RATE_HZ:
             raise BadInput(f"standard input at {rate} Hz", f"{LOWEST_RATE_HZ} to {HIGHEST_RATE_HZ} Hz")
@@ -125,14 +125,18 @@ class PipeSource:
         self._pace, self._paced = _Paced(float(rate)), False
         self._pieces: queue.Queue[FloatArray | None] = queue.Queue(KEPT_PIECES)
         self._rest: FloatArray = np.zeros(0)
-        threading.Thread(target=self._listen, args=(pipe, dtype, channels, b"" if wav else head), daemon=True).start()
+        threading.Thread(
+            target=self._listen, args=(pipe, dtype, channels, left, b"" if wav else head), daemon=True
+        ).start()
 
-    def _listen(self, pipe: BinaryIO, dtype: str, channels: int, begun: bytes) -> None:
+    def _listen(self, pipe: BinaryIO, dtype: str, channels: int, left: int, begun: bytes) -> None:
         size = np.dtype(dtype).itemsize * channels
         full = 1.0 if dtype == "<f4" else 2.0 ** (8 * np.dtype(dtype).itemsize - 1)
         read: Callable[[int], bytes] = getattr(pipe, "read1", pipe.read)
-        while not self.ended and (content := read(max(1, round(PIECE_S * self.rate_hz)) * size)):
+        piece = max(1, round(PIECE_S * self.rate_hz)) * size
+        while not self.ended and (content := read(min(piece, left))):
             begun += content
+            left -= len(content) if left < _ENDLESS else 0
             whole = len(begun) // size * size
             rows = np.frombuffer(begun[:whole], dtype).astype(np.float64).reshape(-1, channels)
             begun = begun[whole:]
@@ -158,8 +162,12 @@ class PipeSource:
         self.ended = True
 
 
-def _wav_head(pipe: BinaryIO) -> tuple[str, int, int]:
-    """Read a WAV up to its samples; return how they are stored, the channels and the rate."""
+_ENDLESS = 2**31 - 4096
+"""Bytes of samples from which on a WAV's head means a stream without an end, as programs that write to a pipe do."""
+
+
+def _wav_head(pipe: BinaryIO) -> tuple[str, int, int, int]:
+    """Read a WAV up to its samples; return how they are stored, the channels, the rate and the bytes of samples."""
     stored = (0, 0, 0, 0)
     while len(chunk := pipe.read(8)) == 8:
         name, size = struct.unpack("<4sI", chunk)
@@ -168,7 +176,7 @@ def _wav_head(pipe: BinaryIO) -> tuple[str, int, int]:
             if (kind, bits) not in _FORMATS or not 1 <= channels <= 64:
                 raise BadInput(f"standard input: a WAV of format {kind}, {bits} bits, {channels} channels",
                                "16 or 32 bits, or floats of 32 bits")  # fmt: skip
-            return _FORMATS[kind, bits], channels, rate
+            return _FORMATS[kind, bits], channels, rate, min(size or _ENDLESS, _ENDLESS)
         content = pipe.read(min(size + size % 2, _FORMAT_BYTES))
         rest = size + size % 2 - len(content)
         while rest and (skipped := pipe.read(min(rest, _SKIPPED_BYTES))):
