@@ -51,6 +51,10 @@ def look(
         return columns | {"said": state.uploads.plain(str(error))}
     if isinstance(measured, FrequencyResponse):
         return columns | {"points": measured.magnitude.size}
+    if input is None and output is None:  # the page's fields show what is taken: nothing is to be said of it
+        taken = str(measured.about["input"]), str(measured.about["output"])
+        measured = measured_of(path, read, input=taken[0], output=taken[1], time=time, rate_hz=rate_hz)
+        assert not isinstance(measured, FrequencyResponse)
     return columns | {
         "input": measured.about["input"],
         "output": measured.about["output"],
