@@ -153,7 +153,7 @@ def _nan(y: np.ndarray) -> np.ndarray:
         ("t,u,y", (TIME, U, Y), {"input": "force"}, "no input column 'force'; expected t, u, y"),
         ("t,u,y", (TIME, U, Y), {"output": "u"}, "both 'u'"),
         ("t,u,y", (TIME, U, Y), {"output": "t"}, "'t' is the position and the time; expected another"),
-        ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, r"which column is which.*position \(--output\) \(and --time\), each"),
+        ("a,b,c", (U, U, Y), {"rate_hz": 1.0}, r"which column is which.*position \(`output`\) \(and `time`\), each"),
         ("u,y", (U, Y), {}, "no rate"),
         ("t,u,y", (TIME[::-1], U, Y), {}, "ascend"),
         ("t,u,y", (np.where(np.arange(2000) > 900, TIME + 0.5, TIME), U, Y), {}, "are missing"),

@@ -1,6 +1,7 @@
 """Run a page: its commands and its Python, in order, in one folder, as a reader would who types them."""
 
 import contextlib
+import fcntl
 import io
 import math
 import os
@@ -9,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import traceback
 from dataclasses import dataclass
@@ -22,6 +24,7 @@ SHELL = re.compile(r"[|<>&;$*`]")
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)")
 ENVIRONMENT = {"BROWSER": "true", "COLUMNS": "120", "MPLBACKEND": "Agg", "OPENBLAS_NUM_THREADS": "1"}
 SERVER_S = 60.0
+ONE_SERVER = Path(tempfile.gettempdir()) / "tactuator-page-server.lock"
 
 
 class PageFault(Exception):
@@ -132,16 +135,21 @@ def _by_bash(line):
 
 
 def _served(line):
-    """Start a server, wait until it tells its address, interrupt it; its status is 0 if that was all."""
-    with subprocess.Popen(
-        ["bash", "-c", f"exec {line}"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    ) as server:
-        output, until = "", time.monotonic() + SERVER_S
-        for text in server.stdout:
-            output += text
-            if "http://" in text or time.monotonic() > until:
-                break
-        server.send_signal(signal.SIGINT)
-        output += server.communicate(timeout=SERVER_S)[0]
+    """Start a server, wait until it tells its address, interrupt it; its status is 0 if that was all.
+
+    One at a time on a machine: the server of a page takes the port that a reader's does.
+    """
+    with ONE_SERVER.open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        with subprocess.Popen(
+            ["bash", "-c", f"exec {line}"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as server:
+            output, until = "", time.monotonic() + SERVER_S
+            for text in server.stdout:
+                output += text
+                if "http://" in text or time.monotonic() > until:
+                    break
+            server.send_signal(signal.SIGINT)
+            output += server.communicate(timeout=SERVER_S)[0]
     told = "http://" in output and server.returncode in (0, 130)
     return (0 if told else server.returncode or 1), output
