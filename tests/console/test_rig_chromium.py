@@ -134,7 +134,7 @@ def board_at_port():
         server.shutdown()
 
 
-@pytest.mark.slow
+@pytest.mark.soak  # beside other tests its board runs dry before the second point
 def test_server__killed_in_mid_measurement__board_rests_and_points_can_be_saved(browser, tmp_path):
     from tactuator.io.display import read_display
     from tactuator.synthesis.design import design_controller

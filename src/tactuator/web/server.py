@@ -191,7 +191,15 @@ def run_server(
     address.
     """
     _log_visibly()
-    written = [*lines(address.base_url(listening)), *filter(None, [address.warning])]
-    sys.stderr.write("\n".join(written) + "\n")
-    sys.stderr.flush()
-    server(address.config(app)).run(sockets=[listening])
+    running = server(address.config(app))
+    begin = running.startup
+
+    async def startup(sockets: list[socket.socket] | None = None) -> None:
+        await begin(sockets=sockets)
+        # said only now, when signals are the server's: a Ctrl-C before would be a warning of the event loop
+        written = [*lines(address.base_url(listening)), *filter(None, [address.warning])]
+        sys.stderr.write("\n".join(written) + "\n")
+        sys.stderr.flush()
+
+    running.startup = startup  # type: ignore[method-assign]
+    running.run(sockets=[listening])
