@@ -24,6 +24,7 @@ from tactuator.console.state import ConsoleState
 from tactuator.console.uploads import add_file_routes, bears_token
 from tactuator.web.pages import HEADERS, answer_plainly, file_response, plain_text
 from tactuator.web.pages import static_file as shared_file
+from tactuator.web.server import PageServer
 from tactuator.web.sockets import CLOSE_ABSENT, admitted, refuse
 from tactuator.web.study_pages import StudyPages, add_study_pages
 
@@ -102,7 +103,7 @@ PATIENCE_S = 3.0
 """Time for what is still computed when all that has to be closed is closed; then the program ends without it."""
 
 
-class ConsoleServer(uvicorn.Server):
+class ConsoleServer(PageServer):
     """A server that closes the rig before it waits for anybody's answer.
 
     close: closes it; may take its time, and may be called again. forget: called at the very end of a program that is

@@ -180,26 +180,32 @@ def _tells_of_us(record: logging.LogRecord) -> bool:
     return record.msg not in _NO_REQUEST and not broken
 
 
+class PageServer(uvicorn.Server):
+    """A server that writes its address once its signals are set: a Ctrl-C before would be a warning of asyncio.
+
+    said: what standard error says then, a line each.
+    """
+
+    said: Iterable[str] = ()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer, then write the lines."""
+        await super().startup(sockets)
+        sys.stderr.write("".join(f"{line}\n" for line in self.said))
+        sys.stderr.flush()
+
+
 def run_server(
     app: FastAPI,
     address: Address,
     listening: socket.socket,
     lines: Callable[[str], Iterable[str]],
-    server: Callable[[uvicorn.Config], uvicorn.Server] = uvicorn.Server,
+    server: Callable[[uvicorn.Config], PageServer] = PageServer,
 ) -> None:
     """Serve an application until interrupted. lines: what standard error says first, given the beginning of every
     address.
     """
     _log_visibly()
     running = server(address.config(app))
-    begin = running.startup
-
-    async def startup(sockets: list[socket.socket] | None = None) -> None:
-        await begin(sockets=sockets)
-        # said only now, when signals are the server's: a Ctrl-C before would be a warning of the event loop
-        written = [*lines(address.base_url(listening)), *filter(None, [address.warning])]
-        sys.stderr.write("\n".join(written) + "\n")
-        sys.stderr.flush()
-
-    running.startup = startup  # type: ignore[method-assign]
+    running.said = [*lines(address.base_url(listening)), *filter(None, [address.warning])]
     running.run(sockets=[listening])
