@@ -30,7 +30,9 @@ def delays_ms(controller: Any, coding: str, clicks: int, folder: Path) -> dict[s
     moved: dict[str, list[FloatArray]] = {name: [] for name in rig.channels}
     for name, pieces in moved.items():
         rig.finger(name).attach(pieces.append)
-    tt.listen(rig, controller, folder / "clicks.wav", coding=coding, gain_db=GAIN_DB[coding], gate_db=0.0, fast=True)
+    tt.listen(
+        rig, controller, folder / "clicks.wav", coding=coding, gain_db=GAIN_DB[coding], gate_db=0.0, fast=True
+    ).run()
     found = {}
     for name, pieces in moved.items():
         felt, late = np.abs(felt_of(np.concatenate(pieces), rig.rate_hz)), []

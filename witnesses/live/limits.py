@@ -86,7 +86,9 @@ def main() -> None:
         for name, pieces in moved.items():
             rig.finger(name).attach(pieces.append)
             rig.finger(name).touch(load)
-        state = tt.listen(rig, controller, Sound(bad_sound(seconds)), coding=coding, gain_db=95.0, fast=True).state
+        state = (
+            tt.listen(rig, controller, Sound(bad_sound(seconds)), coding=coding, gain_db=95.0, fast=True).run().state
+        )
         for name, pieces in moved.items():
             whole = np.concatenate(pieces)
             most_db, most_mm = 20 * np.log10(np.abs(felt_of(whole, rig.rate_hz)).max()), np.abs(whole).max()

@@ -1,24 +1,25 @@
 """Live sound on fingers: `listen`."""
 
+import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial, wraps
 from os import PathLike
-from typing import Annotated
+from typing import Annotated, Any, Self
 
 from tactuator.api.option import Option, option_of
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed, chosen_controller, opened
 from tactuator.api.progress import working
 from tactuator.api.speech import CODING_HELP, wishes
 from tactuator.errors import BadInput
-from tactuator.model.controller import Controller
 from tactuator.result import Fact, Result, ResultTable, data, found
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, Trace
 from tactuator.rig.simulated import PacedRig
-from tactuator.rig.sound.rig import SoundRig
-from tactuator.speech.coding import coding_of, live_coding
+from tactuator.speech.coding import LiveCoding, coding_of, live_coding
 from tactuator.speech.live.level import LevelSettings
+from tactuator.speech.live.meter import LiveBlock, LiveMeter
 from tactuator.speech.live.run import fed_shortly, run_live
 from tactuator.speech.live.source import Source, open_source
 from tactuator.speech.live.stream import LiveState, LiveStream
@@ -65,6 +66,117 @@ class ListenResult(Result):
         return [ResultTable("Delay", ("stage", "ms"), tuple(rows))]
 
 
+_LOOK_S = 0.05
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """A live stream that may begin, on a rig that is loaded."""
+
+    stream: LiveStream
+    rig: Rig
+    source: Source
+    meter: LiveMeter
+
+
+class Listening:
+    """Live sound on a display, which plays beside the body of a `with` statement; `run` waits until it ends.
+
+    block: the newest one; None before the first. result: what the stream was, once the body has been left.
+    """
+
+    result: ListenResult
+
+    def __init__(
+        self,
+        opening: Callable[[], AbstractContextManager[_Ready]],
+        name: str,
+        on_block: Callable[[LiveBlock], None] | None,
+    ) -> None:
+        self._opening, self._name, self._on_block = opening, name, on_block
+        self._stack, self._fault = ExitStack(), None
+        self.block: LiveBlock | None = None
+
+    def __enter__(self) -> Self:
+        self._ready = self._stack.enter_context(self._opening())
+        self._fault: BaseException | None = None
+        self._thread = threading.Thread(target=self._play)
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        with self._stack:
+            if self._thread.is_alive():
+                self.stop()
+            self._thread.join()
+            stream, source, delays_s = self._ready.stream, self._ready.source, self._ready.meter.delays()
+            coding_delays_s = dict(stream.coding_delays)
+            self.result = ListenResult(
+                self._name, stream.state, stream.stopped, delays_s, coding_delays_s, source.notes
+            )
+        if self._fault is not None and error is None:
+            raise self._fault
+
+    @property
+    def muted(self) -> bool:
+        """Whether nothing is felt for now; it fades within 20 ms of being set."""
+        return self._ready.stream.muted
+
+    @muted.setter
+    def muted(self, muted: bool) -> None:
+        self._ready.stream.muted = muted
+
+    def stop(self) -> None:
+        """Fade out, and end."""
+        self._ready.stream.stop()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until the sound ends, and return whether it has. Raises what ended it: of the callback, or a fault."""
+        self._thread.join(timeout_s)
+        if self._fault is not None:
+            raise self._fault
+        return not self._thread.is_alive()
+
+    def run(self) -> ListenResult:
+        """Play until the sound ends, or the keys or Ctrl-C stop it."""
+        with self, wishes() as wish, working("listen") as step:
+            while not self.wait(_LOOK_S):
+                wanted = wish()
+                self.muted = wanted == "pause"
+                if wanted == "stop":
+                    self.stop()
+                step(text=_line(self._ready.stream.state))
+        return self.result
+
+    def _play(self) -> None:
+        try:
+            run_live(self._ready.stream, self._ready.rig, self._ready.source, self._report)
+        except BaseException as error:  # raised where `with` is left, or `wait` is called
+            self._fault = error
+
+    def _report(self, trace: Trace) -> None:
+        for block in self._ready.meter.push(trace):
+            self.block = block
+            if self._on_block is not None:
+                self._on_block(block)
+
+
+@contextmanager
+def _opened(
+    rig: Rig | str, controller: Any, display: Any, input: Any, rate_hz: int | None,
+    coding: LiveCoding, level: LevelSettings, fast: bool, seed: int,
+) -> Iterator[_Ready]:  # fmt: skip
+    named: Source = open_source(input, rate_hz) if input is None or isinstance(input, str | PathLike) else input
+    with closing(named) as source:
+        loaded = chosen_controller(display, controller)
+        with opened(rig, loaded.display, seed) as ready, fed_shortly(ready):
+            ready.load(loaded)
+            paced = ready if fast or not ready.waits else PacedRig(ready)
+            clock = None if ready.waits and paced is ready else time.monotonic
+            stream = LiveStream(source, loaded, coding, level, clock)
+            yield _Ready(stream, paced, source, LiveMeter(stream, ready))
+
+
 def listen(
     rig: RigOption,
     controller: ControllerOption,
@@ -84,56 +196,36 @@ def listen(
     rate_hz: Annotated[int | None, Option("Of raw samples on standard input, Hz.", ("--rate",))] = None,
     fast: Annotated[bool, Option("Simulated, a file: as fast as it computes, not in real time.")] = False,
     seed: Seed = 0,
-    report: Callable[[LiveState, Callable[[], None]], None] | None = None,
-) -> ListenResult:
+    on_block: Callable[[LiveBlock], None] | None = None,
+) -> Listening:
     """Let fingers feel sound as it comes. Space mutes; q or Ctrl-C stops.
 
-    The display comes to rest however it ends. report: called with the state 20 times a second, and with a function
-    that stops. Raises BadInput for what is no sound, and for a coding that cannot be causal.
+    In a `with` statement it plays beside the body; `.run()` waits until it ends. The display comes to rest however
+    either is left, by an exception in the callback too.
 
-    >>> tt.listen(rig, controller, "speech.wav", fast=True).state.dropouts
-    0
+    Parameters
+    ----------
+    on_block: called 20 times a second with time, felt and asked dB SL by finger, delay and drop-outs (`LiveBlock`).
+
+    >>> felt = []
+    >>> with tt.listen(rig, controller, "speech.wav", fast=True, on_block=felt.append) as live:
+    ...     live.wait()
+    True
+    >>> max(block.felt_db_sl["index"] for block in felt) > 20.0
+    True
     """
-    settings = LevelSettings(level_db_sl, gain_db, attack_s, release_s, range_db, gate_db)
+    level = LevelSettings(level_db_sl, gain_db, attack_s, release_s, range_db, gate_db)
     chosen = live_coding(coding_of(coding))
     if fast and not isinstance(rig, Rig) and rig not in ("simulated", "in-process"):
         raise BadInput(f"--fast at {rig}", "a rig whose time waits: simulated, in-process")
-    named: Source = open_source(input, rate_hz) if input is None or isinstance(input, str | PathLike) else input
-    with closing(named) as source:
-        loaded = chosen_controller(display, controller)
-        with (
-            opened(rig, loaded.display, seed) as ready,
-            fed_shortly(ready),
-            wishes() as wish,
-            working("listen") as step,
-        ):
-            ready.load(loaded)
-            if isinstance(ready, SoundRig):
-                ready.allow_gaps = True  # counted, and felt as the gaps that they are
-            paced = ready if fast or not ready.waits else PacedRig(ready)
-            clock = None if ready.waits and paced is ready else time.monotonic
-            stream = LiveStream(source, loaded, chosen, settings, clock)
-
-            def each(state: LiveState) -> None:
-                wanted = wish()
-                stream.muted = wanted == "pause"
-                if wanted == "stop":
-                    stream.stop()
-                step(text=_line(state))
-                if report is not None:
-                    report(state, stream.stop)
-
-            run_live(stream, paced, source, each)
-            delays_s = stream.delays() | {"rig": ready.lead_s + _late(loaded)}
     name = rig if isinstance(rig, str) else type(rig).__name__
-    return ListenResult(name, stream.state, stream.stopped, delays_s, dict(stream.coding_delays), source.notes)
+    opening = partial(_opened, rig, controller, display, input, rate_hz, chosen, level, fast, seed)
+    return Listening(opening, name, on_block)
 
 
-def _late(controller: Controller) -> float:
-    """Return the delay of the display's converters or card, seconds."""
-    display = controller.display
-    card = 0 if display.sound is None else display.sound.latency_samples
-    return (card + controller.delay_samples) / controller.rate_hz
+@wraps(listen)
+def listen_until_it_ends(*given: Any, **named: Any) -> ListenResult:  # noqa: D103
+    return listen(*given, **named).run()
 
 
 def _line(state: LiveState) -> str:

@@ -77,7 +77,7 @@ _ROWS = (
     (_PERSON, "experiment simulate", "api.experiment:simulate", "Assess how accurate a procedure's estimates are."),
     (_SPEECH, "render", "api.speech:render", "Render speech, clips or phonemes to a reference in dB SL."),
     (_SPEECH, "play", "api.speech:play", "Play a reference."),
-    (_SPEECH, "listen", "api.listen:listen", "Let fingers feel sound as it comes."),
+    (_SPEECH, "listen", "api.listen:listen_until_it_ends", "Let fingers feel sound as it comes."),
     (_PAPER, "reproduce", "paper.reproduce:reproduce", "Run the paper's study on the simulated display."),
 )  # fmt: skip
 COMMANDS = {name: Command(name, place, sentence, group) for group, name, place, sentence in _ROWS}

@@ -83,6 +83,15 @@ def live_coding(coding: Coding) -> LiveCoding:
     return coding
 
 
+def stated_delay(coding: Coding, stream: CodingStream) -> Mapping[float, float]:
+    """Return the delay that a coding at work states. Raises BadInput for one that states none, or no time."""
+    stated = getattr(stream, "delay_s", None)
+    if not isinstance(stated, Mapping) or not stated or not all(0.0 <= late_s < np.inf for late_s in stated.values()):
+        allowed = "a `delay_s` of one delay or more: seconds, by the frequency that is felt"
+        raise BadInput(f"coding {coding.kind!r} states no delay: its delay_s is {stated!r}", allowed)
+    return stated
+
+
 def place(wanted: list[tuple[str, ...]], fingers: tuple[str, ...]) -> FloatArray:
     """Return ones and zeros, shape (signals, fingers): signal i goes to the fingers wanted[i]. Raises BadInput for a
     finger that is not there.

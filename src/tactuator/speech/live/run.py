@@ -6,43 +6,46 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
 from tactuator.errors import TimingMissed
-from tactuator.rig.rig import Rig
+from tactuator.rig.rig import Rig, Trace
+from tactuator.rig.sound.rig import SoundRig
 from tactuator.speech.live.source import Source
-from tactuator.speech.live.stream import LiveState, LiveStream
+from tactuator.speech.live.stream import LiveStream
 
 LEAD_S = 0.005
 """By which a rig is fed ahead at first, as far as it can be so little; twice as far after each time that it ran dry."""
-REPORT_S = 0.05
 MOST_MISSES, SOUND_S = 5, 1.0
 """A rig that misses its time so often, each less than a second after it began, is given up."""
 
 
 @contextmanager
 def fed_shortly(rig: Rig) -> Iterator[None]:
-    """Feed a rig as little ahead as it allows."""
+    """Feed a rig as little ahead as it allows. A sound card's gaps are counted, and felt as the gaps that they are."""
     lead_s, rig.lead_s = rig.lead_s, min(rig.lead_s, LEAD_S)
+    allowed = isinstance(rig, SoundRig) and rig.allow_gaps
+    if isinstance(rig, SoundRig):
+        rig.allow_gaps = True
     try:
         yield
     finally:
         rig.lead_s = lead_s
+        if isinstance(rig, SoundRig):
+            rig.allow_gaps = allowed
 
 
-def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[LiveState], None]) -> None:
-    """Play a live stream on a loaded rig until it ends; `report` is called every REPORT_S.
+def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Trace], None]) -> None:
+    """Play a live stream on a loaded rig until it ends; `report` is called with the trace, in pieces as they come.
 
     A rig that misses its time is at rest for a moment, and goes on: a drop-out. Raises DeviceFault as `Rig.stream`
-    does, TimingMissed after MOST_MISSES, and the source's fault, if that is why it ended.
+    does, TimingMissed after MOST_MISSES, and the source's fault, if that is why it ended. The rig comes to rest before
+    the source is closed: a microphone takes its time.
     """
-    misses, since_s, unsaid = 0, 0.0, 0
-    try:
-        with closing(source):
+    misses, since_s = 0, 0.0
+    with closing(source):
+        try:
             while True:
                 try:
                     for trace in rig.stream(stream.blocks()):
-                        unsaid += len(trace)
-                        if unsaid >= REPORT_S * rig.rate_hz:
-                            unsaid = 0
-                            report(stream.state)
+                        report(trace)
                     break
                 except TimingMissed:
                     now_s = stream.state.seconds
@@ -52,7 +55,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Liv
                     rig.rest()
                     rig.lead_s *= 2.0
                     stream.lost()
-            if (fault := getattr(source, "fault", None)) is not None:
-                raise fault
-    finally:
-        rig.rest()
+        finally:
+            rig.rest()
+        if (fault := getattr(source, "fault", None)) is not None:
+            raise fault

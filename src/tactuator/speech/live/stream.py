@@ -14,7 +14,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.model.controller import Controller
 from tactuator.signals.decibels import db
-from tactuator.speech.coding import Coding, live_coding
+from tactuator.speech.coding import Coding, live_coding, stated_delay
 from tactuator.speech.live.level import LevelSettings, LiveLevel
 from tactuator.speech.live.limiter import LOOK_AHEAD_S, LiveLimiter
 from tactuator.speech.live.resampling import ClockedResampler
@@ -77,6 +77,7 @@ class LiveStream:
         self._placement = coding.placement(tuple(channel.finger for channel in controller.display.channels))
         self._source, self._clock, self._rate, self._block = source, clock, rate, max(1, round(BLOCK_S * rate))
         self._coding = live_coding(coding).live(int(rate), self._block)
+        self.coding_delays = stated_delay(coding, self._coding)
         self._resampler = ClockedResampler(source.rate_hz, self._coding.rate_in_hz, BUFFER_S + source.piece_s)
         self._level, self._limiter = LiveLevel(level, rate), LiveLimiter(controller, self._block)
         self._shown = np.zeros(len(self._names))
@@ -92,11 +93,6 @@ class LiveStream:
             "block": self._block / self._rate,
             "limiter": self._limiter.look_ahead / self._rate,
         }
-
-    @property
-    def coding_delays(self) -> Mapping[float, float]:
-        """Return the coding's delay, seconds, by the frequency that is felt."""
-        return self._coding.delay_s
 
     def stop(self) -> None:
         """Fade out, and end."""
@@ -117,7 +113,7 @@ class LiveStream:
             left -= self._block / self._rate if self._source.ended or self.stopped else 0.0
 
     def _tail_s(self) -> float:
-        return sum(self.delays().values()) + max(self._coding.delay_s.values(), default=0.0) + FADE_S
+        return sum(self.delays().values()) + max(self.coding_delays.values()) + FADE_S
 
     def _next(self) -> FloatArray:
         now_s = self._rows / self._rate if self._clock is None else self._clock()
