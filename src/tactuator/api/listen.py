@@ -94,12 +94,12 @@ class Listening:
         on_block: Callable[[LiveBlock], None] | None,
     ) -> None:
         self._opening, self._name, self._on_block = opening, name, on_block
-        self._stack, self._fault = ExitStack(), None
+        self._stack = ExitStack()
+        self._fault: BaseException | None = None
         self.block: LiveBlock | None = None
 
     def __enter__(self) -> Self:
         self._ready = self._stack.enter_context(self._opening())
-        self._fault: BaseException | None = None
         self._thread = threading.Thread(target=self._play)
         self._thread.start()
         return self
