@@ -2,7 +2,7 @@
 
 What is felt is the displacement at the finger port, weighted here by the inverse of the threshold curve's file (read
 here), with zero phase; the delay ends at its greatest magnitude within 100 ms. Run: python -m witnesses.live.delay
-CONTROLLER [CLICKS].
+CONTROLLER [CLICKS [CODING ...]].
 """
 
 import sys
@@ -47,7 +47,7 @@ def main() -> None:
     controller = tt.read_controller(sys.argv[1])
     clicks = int(sys.argv[2]) if len(sys.argv) > 2 else 1000
     with tempfile.TemporaryDirectory() as folder:
-        for coding in GAIN_DB:
+        for coding in sys.argv[3:] or GAIN_DB:
             for name, late in delays_ms(controller, coding, clicks, Path(folder)).items():
                 figures = f"median {np.median(late):.1f} ms, worst {late.max():.1f} ms, least {late.min():.1f} ms"
                 print(f"{coding} {name}: {clicks} clicks, {figures}", flush=True)

@@ -45,3 +45,10 @@ def test_live_limiter__a_shout__taken_back_and_let_go_at_the_slope(controller):
     assert limiter.max_reduction_db > 15.0
     assert 0.9 < limiter.reduced / 4000 < 2.0
     np.testing.assert_allclose(out[12020:, 0], tone[12000:-20], rtol=1e-12)
+
+
+def test_live_limiter__a_shout_out_of_silence__no_more_taken_back_than_came(controller):
+    shout = np.where(np.arange(8000) % 4000 < 2000, 0.0, 3000.0)
+    _, limiter = limited(controller, shout)
+    assert 15.0 < limiter.max_reduction_db <= 20 * np.log10(3000.0)
+    assert limiter.reduced <= 4000

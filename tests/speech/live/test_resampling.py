@@ -9,7 +9,8 @@ RATE_OUT, COUNT, TARGET_S = 16000, 64, 0.003
 
 
 def run(rate_in, signal, seconds, drift=0.0, jitter=lambda now_s: 0.0):
-    """What comes out of a source's clock that is faster by `drift`; jitter: how late the source is at a time."""
+    """What comes out of a source's clock that is faster by `drift`; jitter: how late the source is at a time, or, below
+    zero, the look at it."""
     resampler = ClockedResampler(rate_in, RATE_OUT, TARGET_S)
     out, given = [], 0
     for block in range(round(seconds * RATE_OUT / COUNT)):
@@ -49,3 +50,25 @@ def test_resampler__a_source_held_up__one_drop_out_faded_and_the_buffer_as_befor
     assert abs(resampler.fill_s - resampler.target_s - COUNT / RATE_OUT) < 0.002 + COUNT / RATE_OUT
     steps = np.abs(np.diff(out))
     assert steps.max() < 1.3 * 2 * np.pi * 200 / RATE_OUT + 1.0 / (0.004 * RATE_OUT)
+
+
+@pytest.mark.parametrize("drift", [0.0, 200e-6, -200e-6])
+def test_resampler__looks_late_for_ten_seconds_and_then_not__no_drop_out(drift):
+    rng = np.random.default_rng(2)
+
+    def busy(now_s):
+        return -rng.uniform(0.0, 0.02) if 2.0 < now_s < 12.0 and rng.random() < 0.5 else 0.0
+
+    _, resampler = run(16000, lambda t: np.sin(2 * np.pi * 200 * t), 20.0, drift, busy)
+    assert resampler.dropouts == 0
+    assert resampler.worst_s < 0.002
+
+
+def test_resampler__display_stood_still__one_drop_out_and_the_buffer_no_longer():
+    def stood_still(now_s):
+        return -0.5 if now_s >= 5.0 else 0.0
+
+    _, resampler = run(16000, lambda t: np.sin(2 * np.pi * 200 * t), 20.0, jitter=stood_still)
+    assert resampler.dropouts == 1
+    assert resampler.target_s == TARGET_S
+    assert resampler.worst_s < 0.002

@@ -155,6 +155,23 @@ def test_live_stream__rig_lost__source_closed_and_rig_at_rest(controller, fault,
     assert source.ended
 
 
+class LateOnce(Lost):
+    """A rig that misses its time once, 0.2 s after it began."""
+
+    fault = TimingMissed("dry")
+
+    def stream(self, blocks):
+        yield from super().stream(blocks) if not getattr(self, "rests", 0) else SimulatedRig.stream(self, blocks)
+
+
+def test_live_stream__rig_that_misses_its_time_once__counted_apart_and_played_on(controller):
+    rig = LateOnce(controller.display, 5)
+    rig.load(controller)
+    stream, felt = played(controller, FileSource(sentence_path()), rig=rig)
+    assert (stream.state.missed, stream.state.dropouts) == (1, 0)
+    assert np.abs(felt[-RATE * 2 :]).max() > 1e-3
+
+
 def test_live_stream__stopped_and_muted__fades_within_its_limits_and_ends(controller):
     stream = LiveStream(FileSource(sentence_path()), controller, coding_of("direct"))
     blocks = stream.blocks()

@@ -73,7 +73,8 @@ def horizon_of(controller: Controller) -> Horizon:
 class LiveLimiter:
     """Limits blocks of `block` rows (block, channels) for a controller; they come out LOOK_AHEAD_S later.
 
-    max_reduction_db: so far. reduced: rows in which something was taken back.
+    max_reduction_db: of the peak of a block, so far; what is below threshold is not felt, and does not count. reduced:
+    rows in which something felt was taken back.
     """
 
     def __init__(self, controller: Controller, block: int) -> None:
@@ -137,10 +138,12 @@ class LiveLimiter:
         self._plan = np.hstack((gains[:, block:], np.zeros((len(gains), block))))
         self._predicted[:, :-block] = self._predicted[:, block:]
         self._predicted[:, -block:] = 0.0
-        least = gains[:, :block].min(axis=0)
-        self.reduced += int(np.count_nonzero(least < 1.0))
-        self.max_reduction_db = max(self.max_reduction_db, -20.0 * float(np.log10(max(least.min(), 1e-10))))
-        return np.asarray((signal * gains)[:, :block].T)
+        came, out = np.abs(signal[:, :block]), (signal * gains)[:, :block]
+        self.reduced += int(np.count_nonzero(((gains[:, :block] < 1.0) & (came > 1.0)).any(axis=0)))
+        left = np.maximum(np.abs(out).max(axis=1), 1.0)
+        taken = float((np.maximum(came.max(axis=1), 1.0) / left).max())
+        self.max_reduction_db = max(self.max_reduction_db, 20.0 * float(np.log10(taken)))
+        return np.asarray(out.T)
 
 
 def _room(value: Samples, change: Samples, limit: FloatArray) -> FloatArray:

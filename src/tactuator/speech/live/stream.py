@@ -37,7 +37,8 @@ class LiveState:
     """A live stream now.
 
     level_db_sl: peak of the reference by channel, falling slowly. fill_s, worst_s, drift, dropouts: see
-    `ClockedResampler`. not_numbers: samples of the source. taken_back_db, taken_back_s: by the limiter, so far.
+    `ClockedResampler`. missed: how often the rig missed its time. not_numbers: samples of the source. taken_back_db,
+    taken_back_s: by the limiter, so far.
     """
 
     seconds: float
@@ -52,6 +53,7 @@ class LiveState:
     not_numbers: int
     taken_back_db: float
     taken_back_s: float
+    missed: int = 0
 
 
 class LiveStream:
@@ -81,7 +83,7 @@ class LiveStream:
         self._resampler = ClockedResampler(source.rate_hz, self._coding.rate_in_hz, BUFFER_S + source.piece_s)
         self._level, self._limiter = LiveLevel(level, rate), LiveLimiter(controller, self._block)
         self._shown = np.zeros(len(self._names))
-        self._rows = self._not_numbers = self._gaps = 0
+        self._rows = self._not_numbers = self._missed = 0
         self._fade, self.stopped, self.muted = 1.0, False, False
 
     def delays(self) -> dict[str, float]:
@@ -100,7 +102,8 @@ class LiveStream:
 
     def lost(self) -> None:
         """Begin anew after the rig has missed its time: it is at rest."""
-        self._gaps += 1
+        self._missed += 1
+        self._resampler.restart()
         self._limiter.reset()
 
     def blocks(self) -> Iterator[FloatArray]:
@@ -148,6 +151,6 @@ class LiveStream:
         resampler, limiter = self._resampler, self._limiter
         return LiveState(
             self._rows / self._rate, levels, self._level.gain_db, self._level.open, self.muted, resampler.fill_s,
-            resampler.worst_s, resampler.drift, resampler.dropouts + self._gaps, self._not_numbers,
-            limiter.max_reduction_db, limiter.reduced / self._rate,
+            resampler.worst_s, resampler.drift, resampler.dropouts, self._not_numbers, limiter.max_reduction_db,
+            limiter.reduced / self._rate, self._missed,
         )  # fmt: skip
