@@ -294,7 +294,7 @@ def erase(
     operator: OperatorName = None,
 ) -> ErasedResult:
     """Erase everything of a subject from a store. An event says that it was done and how much, without a name."""
-    with closing(Store(store, must_exist=True)) as database, sessions_of(store):
+    with sessions_of(store), opened_store(store, must_exist=True) as database:
         database.compact()  # refused while another program reads, before anything is gone
         with database.begin() as connection:
             opened = study_records(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
@@ -305,7 +305,7 @@ def erase(
 
 @contextmanager
 def _opened_study(store: Place, study: str | None, operator: str | None) -> Iterator[StudyRecords]:
-    with closing(Store(store, must_exist=True)) as database, sessions_of(store), database.begin() as connection:
+    with sessions_of(store), opened_store(store, must_exist=True) as database, database.begin() as connection:
         yield study_records(connection, study, fresh_token, SystemClock().utc(), operator or getuser())
 
 

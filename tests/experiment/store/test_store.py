@@ -240,9 +240,40 @@ def test_copy__without_its_log__is_refused_while_another_program_has_it_open_and
     backup(path, tmp_path / "whole.db")
     (tmp_path / "whole.db-wal").write_bytes(old_log)
     content = (tmp_path / "whole.db").read_bytes()
-    with pytest.raises(BadInput, match=r"whole.db-wal beside it is of another file; .*delete whole.db-wal"):
+    with pytest.raises(BadInput, match=r"whole.db-wal beside it is of another file or program; .*delete whole.db-wal"):
         Store(tmp_path / "whole.db", must_exist=True)
     assert (tmp_path / "whole.db").read_bytes() == content
+
+
+@pytest.mark.parametrize("copied", ["closed", "written to", "of yesterday"])
+def test_copy__beside_the_log_of_another_store__is_refused_and_stays_as_it_was(tmp_path, clock, copied) -> None:
+    old, path = tmp_path / "old.db", tmp_path / "lab.db"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, old], stdin=-1, stdout=-1, text=True)
+    try:
+        for _ in range(5):
+            writer.stdout.readline()
+    finally:
+        writer.kill()
+        writer.communicate()
+    log = Path(f"{old}-wal").read_bytes()
+    of = old if copied == "of yesterday" else path
+    with opened_store(of) as store:
+        if of == path:
+            answer_one(begin(store, clock), clock)
+        else:
+            with store.begin() as connection:
+                connection.execute(delete(schema.response))
+        if copied == "written to":
+            shutil.copy(of, tmp_path / "copy.db")
+    if copied != "written to":
+        shutil.copy(of, tmp_path / "copy.db")
+    (tmp_path / "copy.db-wal").write_bytes(log)
+    content = (tmp_path / "copy.db").read_bytes()
+    for reads in (lambda: Store(tmp_path / "copy.db", must_exist=True), lambda: backup(tmp_path / "copy.db", path)):
+        with pytest.raises(BadInput, match=r"copy.db-wal beside it is of another file.*delete copy.db-wal"):
+            reads()
+    assert (tmp_path / "copy.db").read_bytes() == content
+    Path(tmp_path / "copy.db-wal").unlink()
 
 
 @pytest.mark.parametrize("planted", ["link", "hard link", "pipe"])

@@ -79,7 +79,7 @@ def _lock(handle: int, store: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
+def opened_store(place: str | os.PathLike[str], must_exist: bool = False) -> Iterator[Store]:
     """Yield the database at the place, open for the length of the context; it is made if it is not there.
 
     A database that was made here is taken away at the end if it holds no study, or if what was asked for was refused
@@ -87,7 +87,7 @@ def opened_store(place: str | os.PathLike[str]) -> Iterator[Store]:
     lack what was answered last. Raises BadInput as `Store` does.
     """
     for_nothing = not is_server(place) and not Path(place).exists()
-    store = Store(place)
+    store = Store(place, must_exist)
     try:
         store.mark(_WRITING)
         yield store
@@ -124,7 +124,9 @@ _CHECKED_BYTES = 1 << 26
 by `experiment backup`."""
 _HEADER_BYTES, _FORMAT_BYTE, _MARK = 100, 18, slice(60, 64)
 """Of SQLite's file: its header; in it the version of the format (2: with a log), and the user version."""
-_LOG_HEADER_BYTES, _LOGS_MAX, _NUMBERS = 32, 1 << 20, 1 << 31
+_LOG_HEADER_BYTES, _FRAME_HEADER_BYTES, _LOGS_MAX, _NUMBERS = 32, 24, 1 << 20, 1 << 31
+_CHANGING = (slice(24, 28), _MARK, slice(92, 100))
+"""What of a file's header a mark changes: a counter, itself, and the counter again with SQLite's version."""
 
 
 def _number(log: bytes) -> int:
@@ -231,12 +233,42 @@ class Store:
         return self._log.stat().st_size if self._log.exists() else 0
 
     def _refuse_old_log(self) -> None:
-        """Refuse a backup that was put beside the log of another file: SQLite would write that log over it."""
+        """Refuse a file that was put beside the log of another: SQLite would write that log over it, or read both."""
         with suppress(OSError), self.path.open("rb") as file:
             header = file.read(_HEADER_BYTES)
-            if header[_FORMAT_BYTE : _FORMAT_BYTE + 1] == b"\1" and self._log_size():
-                where = f"a restored backup alone: delete {self._log.name} and {self.path.name}-shm"
-                raise BadInput(f"store {self.path}: {self._log.name} beside it is of another file", where)
+            restored = header[_FORMAT_BYTE : _FORMAT_BYTE + 1] == b"\1"
+            is_marked = int.from_bytes(header[_MARK], "big") > _WRITING
+            own = not restored and (self._log_belongs() if is_marked else not self._log_adds())
+            if self._log_size() and not own:
+                where = f"a copy alone: delete {self._log.name} and {self.path.name}-shm; or no other program that writes"
+                got = f"store {self.path} was copied: {self._log.name} beside it is of another file or program"
+                raise BadInput(got, where)
+
+    def _log_adds(self) -> bool:
+        """Return whether the log has a committed page that differs from the file's in more than the mark.
+
+        A store that is not marked was closed, and its log with it. One that was killed while it was made has no page
+        but the first.
+        """
+        with self._log.open("rb") as log, self.path.open("rb") as file:
+            begins = log.read(_LOG_HEADER_BYTES)
+            size, salts = int.from_bytes(begins[8:12], "big"), begins[16:24]
+            if len(begins) < _LOG_HEADER_BYTES or self.path.stat().st_size <= size:
+                return False
+            committed, since = dict[int, bytes](), dict[int, bytes]()
+            while (frame := log.read(_FRAME_HEADER_BYTES + size))[8:16] == salts and len(frame) > size:
+                since[int.from_bytes(frame[:4], "big")] = frame[_FRAME_HEADER_BYTES:]
+                if any(frame[4:8]):
+                    committed |= since
+                    since.clear()
+            for page, content in committed.items():
+                file.seek((page - 1) * size)
+                there, here = bytearray(content), bytearray(file.read(size))
+                for changing in _CHANGING if page == 1 else ():
+                    there[changing] = here[changing]
+                if there != here:
+                    return True
+        return False
 
     def _log_belongs(self) -> bool:
         """Return whether the log beside the file is the one that its mark names, if it names one.
@@ -272,6 +304,7 @@ class Store:
         if not self.is_file:
             return
         with self._faults_told(), closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
+            plain.execute("PRAGMA wal_checkpoint(PASSIVE)")  # a file without the mark lacks nothing of its log
             plain.execute(f"PRAGMA user_version = {mark}")
             if mark and self._log_size() >= _LOG_HEADER_BYTES:  # of the log that this was just written to
                 with self._log.open("rb") as log:
