@@ -38,11 +38,14 @@ def plain(value: Any) -> Any:
 
 def finite(value: object) -> Any:
     """Return the value in JSON's own types, None in place of numbers that JSON cannot say."""
-    value = plain(value)
+    return _finite(plain(value))
+
+
+def _finite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [finite(item) for item in value]
+        return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

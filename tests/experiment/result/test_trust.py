@@ -15,7 +15,7 @@ from tactuator.experiment.procedure.refit import refit
 from tactuator.experiment.procedure.whole_curve import WholeCurve
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.result.confusion import threshold_table
-from tactuator.experiment.result.played import delivered_level
+from tactuator.experiment.result.played import delivered_levels
 from tactuator.experiment.result.store_results import (
     circumstances,
     group_curve,
@@ -182,6 +182,10 @@ def test_group_curve__of_two_studies__counts_people_and_is_read_back(study, tmp_
         group_curve([one for one in thresholds(runs) if one.frequency_hz < 100.0], LIBRARY, (0.4, 300.0))
     with pytest.raises(BadInput, match="4 trials"):
         refit(np.zeros(4), np.ones(4, dtype=bool))
+
+
+def delivered_level(commanded, measured, *hertz_and_level):
+    return delivered_levels([commanded], [measured], *(np.array([value]) for value in hertz_and_level)).of(0)
 
 
 @pytest.mark.parametrize(("frequency_hz", "limit_db"), [(298.0, 0.2), (10.0, 1.0)])

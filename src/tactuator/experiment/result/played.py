@@ -7,6 +7,7 @@ noise", Theory of Probability and its Applications 35). Below FRICTION_HZ, where
 do.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,77 +69,101 @@ _APART_SD, _LARGEST_SD_DB = 3.0, 3.0
 
 @dataclass(frozen=True)
 class DeliveredLevel:
-    """Gain of the display in a run.
+    """Gain of the display in a run, or in each of several, then arrays (runs,).
 
     offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. NaN where noise hides it.
     """
 
-    offset_db: float
-    sd_db: float
+    offset_db: Any
+    sd_db: Any
+
+    def of(self, run: int) -> "DeliveredLevel":
+        """Return that of one run."""
+        return DeliveredLevel(float(self.offset_db[run]), float(self.sd_db[run]))
 
 
-def delivered_level(
-    commanded_db_sl: FloatArray,
-    measured_db_sl: FloatArray,
-    frequency_hz: float,
-    level_db_sl: float,
+def delivered_levels(
+    commanded_db_sl: Sequence[FloatArray],
+    measured_db_sl: Sequence[FloatArray],
+    frequency_hz: FloatArray,
+    level_db_sl: FloatArray,
     near_db: float = _NEAR_THRESHOLD_DB,
 ) -> DeliveredLevel:
-    """Estimate the display's gain at a frequency from intervals played there.
+    """Estimate the display's gain in each run, at its frequency, from intervals played there.
 
-    commanded_db_sl (NaN in blank intervals), measured_db_sl: (intervals,). level_db_sl: the threshold; near_db: how
-    near to it a stimulus must be below FRICTION_HZ. The power at the sensor is g^2 c + b (c: commanded; b: hum and
-    noise, from the blank intervals) with the variance b^2 + 2 g^2 c b of a sinusoid in noise; g^2 is its weighted
-    least-squares estimate. Where the powers scatter more than that, the standard deviation grows with them.
+    commanded_db_sl (NaN in blank intervals), measured_db_sl: (intervals,) of each run. frequency_hz, level_db_sl (the
+    threshold): (runs,). near_db: how near to it a stimulus must be below FRICTION_HZ. The power at the sensor is
+    g^2 c + b (c: commanded; b: hum and noise, from the blank intervals) with the variance b^2 + 2 g^2 c b of a sinusoid
+    in noise; g^2 is its weighted least-squares estimate. Where the powers scatter more than that, the standard
+    deviation grows with them.
     """
-    known = np.isfinite(measured_db_sl)
-    blank, played = known & np.isnan(commanded_db_sl), known & np.isfinite(commanded_db_sl)
-    hum = _Hum.of(from_db(measured_db_sl[blank]) ** 2)
-    signal, seen = from_db(commanded_db_sl[played]) ** 2, from_db(measured_db_sl[played]) ** 2
-    away_db = np.abs(commanded_db_sl[played] - level_db_sl)
-    nearer: list[DeliveredLevel] = []
-    used = 0
+    runs = frequency_hz.size
+    run = np.repeat(np.arange(runs), [each.size for each in commanded_db_sl])
+    commanded, measured = np.concatenate(commanded_db_sl), np.concatenate(measured_db_sl)
+    known = np.isfinite(measured)
+    blank, played = known & np.isnan(commanded), known & np.isfinite(commanded)
+    hum = _Hum.of(_Sums(run[blank], runs), from_db(measured[blank]) ** 2)
+    run, signal, seen = run[played], from_db(commanded[played]) ** 2, from_db(measured[played]) ** 2
+    away_db = np.abs(commanded[played] - level_db_sl[run])
+    widest_db = np.where(frequency_hz < FRICTION_HZ, near_db, np.inf)
+    best, nearer = DeliveredLevel(np.full(runs, np.nan), np.full(runs, np.nan)), list[DeliveredLevel]()
+    used, agree = np.zeros(runs), np.ones(runs, dtype=bool)
     for width_db in _WIDTHS_DB:
-        within = away_db <= (min(width_db, near_db) if frequency_hz < FRICTION_HZ else width_db)
-        if int(within.sum()) == used:
-            continue  # no other stimuli than those of the width before
-        used = int(within.sum())
-        level = _level(signal[within], seen[within], hum)
-        if any(abs(level.offset_db - each.offset_db) > _APART_SD * each.sd_db for each in nearer):
-            break
-        nearer += [level] if np.isfinite(level.sd_db) else []
-    return nearer[-1] if nearer else DeliveredLevel(float("nan"), float("nan"))
+        within = away_db <= np.minimum(width_db, widest_db)[run]
+        count = np.bincount(run[within], minlength=runs)
+        more = agree & (count != used)  # else there are no other stimuli than those of the width before
+        within, used = within & more[run], count
+        level = _level(_Sums(run[within], runs), signal[within], seen[within], hum)
+        for each in nearer:
+            agree &= ~(np.abs(level.offset_db - each.offset_db) > _APART_SD * each.sd_db)
+        kept = more & agree & np.isfinite(level.sd_db)
+        nearer.append(DeliveredLevel(np.where(kept, level.offset_db, np.nan), np.where(kept, level.sd_db, np.nan)))
+        best = DeliveredLevel(
+            np.where(kept, level.offset_db, best.offset_db), np.where(kept, level.sd_db, best.sd_db)
+        )
+    return best
+
+
+class _Sums:
+    """Sums over the intervals of each run. run: that of each interval, (intervals,)."""
+
+    def __init__(self, run: NDArray[np.intp], runs: int) -> None:
+        self.run, self.runs = run, runs
+        self.count = np.bincount(run, minlength=runs)
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        return np.bincount(self.run, values, self.runs)
 
 
 @dataclass(frozen=True)
 class _Hum:
-    """Mean power of blank intervals and its standard error."""
+    """Mean power of the blank intervals of each run and its standard error, (runs,)."""
 
-    power: float
-    power_sd: float
+    power: FloatArray
+    power_sd: FloatArray
 
     @classmethod
-    def of(cls, powers: FloatArray) -> "_Hum":
-        if not powers.size:
-            return cls(0.0, 0.0)
-        return cls(float(powers.mean()), float(powers.std() / np.sqrt(powers.size)))
+    def of(cls, sums: _Sums, powers: FloatArray) -> "_Hum":
+        count = np.maximum(sums.count, 1)
+        mean = sums(powers) / count
+        return cls(mean, np.sqrt(sums((powers - mean[sums.run]) ** 2)) / count)
 
 
-def _level(signal: FloatArray, seen: FloatArray, hum: _Hum) -> DeliveredLevel:
-    """Return the level delivered by powers commanded and seen (n,), beside those of blank intervals."""
-    base, squared = hum.power, signal**2
+def _level(sums: _Sums, signal: FloatArray, seen: FloatArray, hum: _Hum) -> DeliveredLevel:
+    """Return the level delivered in each run by powers commanded and seen (n,), beside those of blank intervals."""
+    run, base, squared = sums.run, hum.power[sums.run], signal**2
     seen = seen - base
-    gain = max(float(seen.sum() / signal.sum()), 1e-3)
-    for _ in range(3):
-        weight = 1.0 / (base**2 + 2.0 * gain * signal * base + 1e-6 * (gain * signal) ** 2)
-        information = (weight * squared).sum()
-        gain = max(float((weight * signal * seen).sum() / information), 1e-9)
-    scatter = 1.0 / information + (hum.power_sd * (weight * signal).sum() / information) ** 2
-    excess = float((weight * (seen - gain * signal) ** 2).sum()) / max(signal.size - 1, 1)
-    sd_db = float(10.0 / np.log(10.0) * np.sqrt(scatter * max(excess, 1.0)) / gain)
-    if not sd_db <= _LARGEST_SD_DB:
-        return DeliveredLevel(float("nan"), float("nan"))
-    return DeliveredLevel(float(10.0 * np.log10(gain)), sd_db)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a run without any interval has no level
+        gain = np.maximum(sums(seen) / sums(signal), 1e-3)
+        for _ in range(3):
+            weight = 1.0 / (base**2 + 2.0 * gain[run] * signal * base + 1e-6 * (gain[run] * signal) ** 2)
+            information = sums(weight * squared)
+            gain = np.maximum(sums(weight * signal * seen) / information, 1e-9)
+        scatter = 1.0 / information + (hum.power_sd * sums(weight * signal) / information) ** 2
+        excess = sums(weight * (seen - gain[run] * signal) ** 2) / np.maximum(sums.count - 1, 1)
+        sd_db = 10.0 / np.log(10.0) * np.sqrt(scatter * np.maximum(excess, 1.0)) / gain
+        known = sd_db <= _LARGEST_SD_DB
+        return DeliveredLevel(np.where(known, 10.0 * np.log10(gain), np.nan), np.where(known, sd_db, np.nan))
 
 
 _MAINS_HZ = (50.0, 60.0)

@@ -17,9 +17,9 @@ from tactuator.errors import BadInput
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.result.group_level import BETWEEN, GroupLevel, group_level
 from tactuator.experiment.result.played import catch_kinds
-from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, fitted, names_of_people
+from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, fitted_parts, names_of_people
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
+from tactuator.experiment.store.stored_runs import StoredRun, required_parts
 from tactuator.io.csv_tables import resolve_curve
 from tactuator.perception.curve import POINTS_MIN, Provenance, ThresholdCurve
 from tactuator.perception.psychometric import Psychometric, Weibull
@@ -381,12 +381,11 @@ def store_results(
     curves without a reference.
     """
     with closing(Store(store_path, must_exist=True, voided=voided)) as store:
-        runs = tuple(detection_runs(store, group=group))
+        runs, of_runs = fitted_parts(required_parts(store, group=group))
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
         raise BadInput(f"runs refer to the curves {', '.join(names)}", "--reference to name the one to extend by")
-    of_runs = fitted(runs).require()
-    original, measured = resolve_curve(reference or names[0]), of_runs.thresholds
+    original, measured = resolve_curve(reference or names[0]), of_runs.require().thresholds
     band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
     across, refused = _across(measured, original, band_hz, leave_out)
     beside = None

@@ -1,6 +1,6 @@
 """Thresholds from stored runs: the procedure's own number, the Bayesian refit, and the flags of the run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,11 @@ from tactuator.experiment.result.played import (
     DeliveredLevel,
     attention,
     catch_kinds,
-    delivered_level,
+    delivered_levels,
     hum_is_felt,
     was_simulated,
 )
-from tactuator.experiment.store.stored_runs import RUNS_AT_ONCE, StoredRun, names_of
+from tactuator.experiment.store.stored_runs import NO_INTERVALS, RUNS_AT_ONCE, StoredRun, in_order, names_of
 from tactuator.plain import brief
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
@@ -122,6 +122,22 @@ def fitted(runs: Sequence[StoredRun]) -> Fitted:
     return Fitted(tuple(measured), tuple(refused))
 
 
+def fitted_parts(parts: Iterable[Sequence[StoredRun]]) -> tuple[tuple[StoredRun, ...], Fitted]:
+    """Return all runs in order with their thresholds, read and fitted a part at a time.
+
+    Of a run without catch trials the intervals are let go: of a million trials they would fill the memory.
+    """
+    runs, fits = list[StoredRun](), list[Fitted]()
+    for part in parts:
+        fits.append(fitted(part))
+        runs += [run if np.any(catch_kinds(run) != "") else replace(run, intervals=NO_INTERVALS) for run in part]
+    runs.sort(key=in_order)
+    place = {run.run.id: index for index, run in enumerate(runs)}
+    measured = sorted((each for fit in fits for each in fit.thresholds), key=lambda each: place[each.run])
+    refused = sorted((each for fit in fits for each in fit.refused), key=lambda each: place[each[0].run.id])
+    return tuple(runs), Fitted(tuple(measured), tuple(refused))
+
+
 def thresholds(runs: Sequence[StoredRun]) -> list[MeasuredThreshold]:
     """Return the thresholds of the runs that can be refitted. Raises BadInput where none of them can."""
     return list(fitted(runs).require().thresholds)
@@ -175,19 +191,25 @@ def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]
     prior = refit_prior(protocol)
     fit = refit(levels, correct, prior)
     flags = run_flags(levels, correct, fit, prior)
+    fits = zip(*(column.tolist() for column in (fit.threshold_db, fit.sd_db, fit.low_db, fit.high_db)), strict=True)
+    each = zip(runs, kept, fits, strict=True)
+    known = [_Level.censored(run.levels_db_sl[mask], *of_run) for run, mask, of_run in each]
+    gains = delivered_levels(
+        [run.intervals.commanded_db_sl for run in runs],
+        [run.intervals.measured_db_sl for run in runs],
+        np.array([run.run.frequency_hz for run in runs], dtype=np.float64),
+        np.array([at.refit_db_sl for at in known]),
+    )
     measured = []
-    for row, (run, mask) in enumerate(zip(runs, kept, strict=True)):
-        fitted = (fit.threshold_db[row], fit.sd_db[row], fit.low_db[row], fit.high_db[row])
-        at = _Level.censored(run.levels_db_sl[mask], *(float(value) for value in fitted))
+    for row, (run, at) in enumerate(zip(runs, known, strict=True)):
         seen, hertz = run.intervals, float(run.run.frequency_hz)
-        gain = delivered_level(seen.commanded_db_sl, seen.measured_db_sl, hertz, at.refit_db_sl)
         estimate, own_flags = (replayed.estimate(row), replayed.flags(row)) if run.whole else (None, ())
         names = [*own_flags, *flags.names(row), *attention(run)]
         if hum_is_felt(seen, hertz, protocol.timing, at.refit_db_sl):
             names.append("mains")
         power = (float(flags.lapse_power[row]), float(flags.drift.power[row]))
         base = float(run.curve_level_db_re_1um[0])
-        measured.append([_threshold(run, estimate, hertz, at, gain, base, names, power)])
+        measured.append([_threshold(run, estimate, hertz, at, gains.of(row), base, names, power)])
     return measured
 
 
@@ -232,14 +254,19 @@ def _whole_curve(run: StoredRun) -> list[MeasuredThreshold]:
     order = np.argsort(run.frequency_hz, kind="stable")
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
     names, power = [*curve.flags, *attention(run)], (None, curve.drift_power)
+    figures = zip(*(column.tolist() for column in (curve.mean, curve.sd, curve.low, curve.high)), strict=True)
+    known = [_Level.censored(levels, *of_point) for of_point in figures]
+    near = np.abs(np.log10(run.frequency_hz / curve.frequency_hz[:, None]))[:, trial] <= _NEAR_DECADES
+    gains = delivered_levels(
+        [seen.commanded_db_sl[of_point] for of_point in near],
+        [seen.measured_db_sl[of_point] for of_point in near],
+        curve.frequency_hz,
+        np.array([at.refit_db_sl for at in known]),
+        _NEAR_DB,
+    )
     measured = []
-    read = (curve.mean, curve.sd, curve.low, curve.high)
-    for point, (hertz, zero, *figures) in enumerate(zip(curve.frequency_hz, base, *read, strict=True)):
-        at = _Level.censored(levels, *(float(value) for value in figures))
-        near = np.abs(np.log10(run.frequency_hz / hertz))[trial] <= _NEAR_DECADES
-        commanded, sensed = seen.commanded_db_sl[near], seen.measured_db_sl[near]
-        gain = delivered_level(commanded, sensed, float(hertz), at.refit_db_sl, _NEAR_DB)
-        threshold = _threshold(run, None, float(hertz), at, gain, float(zero), names, power)
+    for point, (hertz, zero, at) in enumerate(zip(curve.frequency_hz.tolist(), base.tolist(), known, strict=True)):
+        threshold = _threshold(run, None, hertz, at, gains.of(point), zero, names, power)
         measured.append(replace(threshold, notch_trials=int(curve.notch_trials[point])))
     return measured
 

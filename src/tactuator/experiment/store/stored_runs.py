@@ -114,6 +114,10 @@ class StoredIntervals:
     saturated: NDArray[np.bool_]
 
 
+NO_INTERVALS = StoredIntervals(*(np.zeros(0, dtype) for dtype in (bool, bool, float, float, bool)))
+"""Those of a run that has none, or whose intervals are not needed any more."""
+
+
 @dataclass(frozen=True, eq=False)
 class StoredRun:
     """A stored run with its trials.
@@ -145,10 +149,16 @@ def detection_runs(store: Store, session: int | None = None, group: str | None =
     Practice and what may not be used are left out, and runs of a protocol that cannot be read here. Raises BadInput
     without any.
     """
-    runs = sorted((run for part in detection_parts(store, session, group) for run in part), key=in_order)
-    if not runs:
+    return sorted((run for part in required_parts(store, session, group) for run in part), key=in_order)
+
+
+def required_parts(store: Store, session: int | None = None, group: str | None = None) -> Iterator[list[StoredRun]]:
+    """Yield `detection_parts`. Raises BadInput without any."""
+    part = None
+    for part in detection_parts(store, session, group):
+        yield part
+    if part is None:
         raise _none(store, session, group, "done run")
-    return runs
 
 
 def in_order(run: StoredRun) -> tuple[int, int, int]:
@@ -239,28 +249,32 @@ class _Rows:
 
 def _trials(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Rows:
     """Return the runs' trials that were answered: frequency, level, the curve's level, and whether it was right."""
-    wanted = selected("trials", "run", "frequency_hz", "level_db_sl", "curve_level_db_re_1um", "correct")
-    query = _of(select(*wanted).select_from(TRIALS).where(usable.trials), runs)
+    wanted = selected("trials", "frequency_hz", "level_db_sl", "curve_level_db_re_1um", "correct")
+    query = _of(select(_RUN, *wanted).select_from(_ANSWERED).where(usable.trials), runs)
     return _Rows.read(connection, query, (np.float64, np.float64, np.float64, np.bool_))
 
 
 def _intervals(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Rows:
     """Return the intervals of the runs' trials: bits of what each was, commanded and measured level."""
-    names = ("run", "stimulus", "saturated", "commanded_db_sl", "measured_db_sl")
-    run, stimulus, saturated, *levels = selected("intervals", *names)
+    names = ("stimulus", "saturated", "commanded_db_sl", "measured_db_sl")
+    stimulus, saturated, *levels = selected("intervals", *names)
     kind = (
         _TONE * (stimulus == SIGNAL).cast(Integer)
         + _LOUD * (stimulus == LOUD).cast(Integer)
         + _SATURATED * saturated.cast(Integer)
     )
-    query = _of(select(run, kind, *levels).select_from(INTERVALS).where(usable.trials), runs)
+    query = _of(select(_RUN, kind, *levels).select_from(_ANSWERED.join(schema.interval)).where(usable.trials), runs)
     return _Rows.read(connection, query.order_by(schema.interval.c.position), (np.uint8, np.float64, np.float64))
 
 
 def _of(query: Select[Any], runs: Sequence[Found]) -> Select[Any]:
     """Return the part of a query that is of these runs, by run and trial."""
-    run = schema.run.c.id
-    return query.where(run.in_([row.id for row in runs])).order_by(run, schema.trial.c.number)
+    return query.where(_RUN.in_([row.id for row in runs])).order_by(_RUN, schema.trial.c.number)
+
+
+_RUN = schema.trial.c.run_id
+_ANSWERED = schema.trial.join(schema.response)
+"""Without what the run is of: to look that up for every trial took longer than the trials."""
 
 
 def answered_runs(
