@@ -107,7 +107,7 @@ def delivered_levels(
     away_db = np.abs(commanded[played] - level_db_sl[run])
     widest_db = np.where(frequency_hz < FRICTION_HZ, near_db, np.inf)
     best, nearer = DeliveredLevel(np.full(runs, np.nan), np.full(runs, np.nan)), list[DeliveredLevel]()
-    used, agree = np.zeros(runs), np.ones(runs, dtype=bool)
+    used, agree = np.zeros(runs, dtype=np.intp), np.ones(runs, dtype=bool)
     for width_db in _WIDTHS_DB:
         within = away_db <= np.minimum(width_db, widest_db)[run]
         count = np.bincount(run[within], minlength=runs)
@@ -118,9 +118,7 @@ def delivered_levels(
             agree &= ~(np.abs(level.offset_db - each.offset_db) > _APART_SD * each.sd_db)
         kept = more & agree & np.isfinite(level.sd_db)
         nearer.append(DeliveredLevel(np.where(kept, level.offset_db, np.nan), np.where(kept, level.sd_db, np.nan)))
-        best = DeliveredLevel(
-            np.where(kept, level.offset_db, best.offset_db), np.where(kept, level.sd_db, best.sd_db)
-        )
+        best = DeliveredLevel(np.where(kept, level.offset_db, best.offset_db), np.where(kept, level.sd_db, best.sd_db))
     return best
 
 
@@ -132,7 +130,7 @@ class _Sums:
         self.count = np.bincount(run, minlength=runs)
 
     def __call__(self, values: FloatArray) -> FloatArray:
-        return np.bincount(self.run, values, self.runs)
+        return np.bincount(self.run, values, self.runs).astype(np.float64)
 
 
 @dataclass(frozen=True)

@@ -240,7 +240,9 @@ class Store:
             is_marked = int.from_bytes(header[_MARK], "big") > _WRITING
             own = not restored and (self._log_belongs() if is_marked else not self._log_adds())
             if self._log_size() and not own:
-                where = f"a copy alone: delete {self._log.name} and {self.path.name}-shm; or no other program that writes"
+                where = (
+                    f"a copy alone: delete {self._log.name} and {self.path.name}-shm; or no other program that writes"
+                )
                 got = f"store {self.path} was copied: {self._log.name} beside it is of another file or program"
                 raise BadInput(got, where)
 
