@@ -57,7 +57,7 @@ KEYS = {
 }
 SCAN = """
 select run.id, trial.level_db_sl, response.correct from run join trial on trial.run_id = run.id
-join response on response.trial_id = trial.id order by run.id, trial.number
+join response on response.trial_id = trial.id where not run.practice order by run.id, trial.number
 """
 INTERVALS = "select trial_id, stimulus, commanded_db_sl, measured_db_sl, saturated from interval order by id"
 

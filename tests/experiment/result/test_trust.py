@@ -26,7 +26,7 @@ from tactuator.experiment.result.store_results import (
 from tactuator.experiment.result.thresholds import DOUBTFUL, played_at, thresholds
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers, with_truths
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.store import opened_store
 from tactuator.experiment.store.stored_runs import StoredRun, detection_runs
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_curve, write_curve
@@ -51,12 +51,11 @@ TEXT = (
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    store = Store(tmp_path_factory.mktemp("trust") / "lab.db")
     drawn = simulated_observers(LIBRARY, 2, seed=5)
     observers = with_truths(drawn, ("S1", "S2"), LIBRARY, {"S2": DEAF}, {"S1": 0.0})
-    run_study(store, parse_protocol(TEXT, Protocol), TEXT, apparatus(), observers, SystemClock(), "finger")
-    yield store, observers
-    store.close()
+    with opened_store(tmp_path_factory.mktemp("trust") / "lab.db") as store:
+        run_study(store, parse_protocol(TEXT, Protocol), TEXT, apparatus(), observers, SystemClock(), "finger")
+        yield store, observers
 
 
 def test_thresholds__of_one_who_feels_nothing__are_censored_in_the_curve(study):

@@ -15,6 +15,7 @@ def main() -> None:
     folder, clock = Path(sys.argv[1]), ObedientClock()
     acknowledged = os.open(folder / "acknowledged.txt", os.O_WRONLY | os.O_CREAT)
     store = Store(folder / "lab.db", durable=sys.argv[2] == "durable")
+    store.mark(1)  # as a server does
     for subject in range(2 if sys.argv[2] == "durable" else 1):
 
         def answer(presented, clock, subject=subject) -> None:
@@ -23,6 +24,7 @@ def main() -> None:
             os.fsync(acknowledged)
 
         everything(begin(store, clock, PROTOCOL, subject), clock, answer)
+    store.mark(0)
     store.close()
 
 
