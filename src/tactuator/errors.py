@@ -35,6 +35,8 @@ from typing import Any, Self
 _LOG = logging.getLogger(__name__)
 _UNSEEN = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 """Control characters but for tab and line end, and marks that turn the direction of what is read."""
+_LONGEST = 1000
+"""Characters of what was got that a sentence repeats: a cell may have a hundred thousand."""
 
 
 def visible(text: str) -> str:
@@ -65,7 +67,8 @@ class TactuatorError(Exception):
         return self
 
     def __str__(self) -> str:
-        sentence = ": ".join([*self.where, f"{self.key} is {self.got}" if self.key else self.got])
+        got = self.got if len(self.got) <= _LONGEST else f"{self.got[:_LONGEST]}…"
+        sentence = ": ".join([*self.where, f"{self.key} is {got}" if self.key else got])
         if self.allowed:
             sentence = f"{sentence}; {'it must be' if self.key else 'expected'} {self.allowed}"
         return visible(sentence).replace("\n", "\\n")

@@ -4,7 +4,9 @@ import json
 import os
 import re
 import subprocess
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -16,8 +18,11 @@ import soundfile
 
 from firmware.build import read_boards
 from tactuator.errors import BadInput
+from tactuator.experiment.protocol.codes import taken_for
 from tactuator.experiment.words import read_words
 from tactuator.io import columns, hdf5
+from tactuator.io.cells import cell_pair, cell_value
+from tactuator.io.column_name import column_name
 from tactuator.io.controller import read_controller
 from tactuator.io.csv_tables import read_contours, read_curve, read_matrix, read_pairs
 from tactuator.io.display import parse_display
@@ -294,6 +299,30 @@ def test_toml__points_and_spaces_in_a_comment__read_at_once() -> None:
 def test_record__head_of_a_hundred_thousand_words__read(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text(f"# {'a ' * 100_000}\nu,y\n1,2\n2,3\n4,5\n")
     assert record(tmp_path / "r.csv").command.size == 3
+
+
+HUNDRED_THOUSAND = 100_000
+LONG = ["[", "[a", "a[", "(1 ", "1", "1,", "a.", "e", "m/V", '""', "\u0301"]
+"""Texts in which a search that goes back tries every pair of places: minutes, where one that does not takes 0.1 s."""
+
+
+@pytest.mark.parametrize("piece", LONG)
+def test_name_or_cell__of_a_hundred_thousand_characters__takes_time_by_its_length(tmp_path: Path, piece: str) -> None:
+    long = piece * (HUNDRED_THOUSAND // len(piece))
+    begun = time.process_time()
+    column_name(long + ")")
+    for cell in (long, f"{long}x", f"1{' ' * len(long)}+2j", f"1+2{' ' * len(long)}x", f"1{' ' * len(long)},x"):
+        assert cell_pair(cell) is None or cell.startswith("1 ")
+        cell_value(cell)
+        taken_for(cell)
+    (tmp_path / "r.csv").write_text(f'u,"{long[:30_000]}",y\n' + "1,2,3\n" * 5)
+    with suppress(BadInput):
+        record(tmp_path / "r.csv")
+    assert time.process_time() - begun < 10.0  # a bound for any machine
+
+
+def test_refusal__of_a_cell_of_thousands_of_characters__is_a_line_that_can_be_read() -> None:
+    assert len(str(BadInput("9" * 30_000, "a number"))) < 1100
 
 
 def test_pipe__that_nobody_writes_to__keeps_neither_a_reader_nor_a_server_waiting(tmp_path: Path) -> None:

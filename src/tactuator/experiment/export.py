@@ -48,7 +48,7 @@ from tactuator.io.atomic import atomic_folder
 
 TableRow = dict[str, Any]
 _MISSING = "n/a"
-_PLAIN_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_PLAIN_NUMBER = re.compile(r"-?(\d++\.?\d*+|\.\d++)([eE][+-]?\d++)?", re.ASCII)
 _EXECUTED, _UNSEEN_FIRST = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20"), " \u00a0\ufeff\u200b"
 """Signs that begin a formula, also of full width, and what programs pass over before them."""
 _EXACT = 2**53

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from tactuator.errors import BadInput
 
 COMMENTS = "#*!%;"
-_REAL = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
+_REAL = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eEdD][-+]?\d++)?"
 _NUMBER = re.compile(_REAL)
 _COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
@@ -17,7 +17,7 @@ _BOTH = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+,\d+")
 _POLAR = re.compile(rf"\(?\s*({_REAL})\s*dB\s*,\s*({_REAL})\s*([^\d\s,()]*)\s*\)?", re.IGNORECASE)
 _PAIR = re.compile(rf"\(?\s*({_REAL})\s*,\s*({_REAL})\s*\)?")
 _COMPLEX = re.compile(
-    rf"\(?\s*({_REAL})\s*([-+])\s*(?:[ij]\s*\*?\s*)?({_REAL.removeprefix('[-+]?')})\s*\*?\s*[ij]?\s*\)?"
+    rf"\(?\s*({_REAL})\s*([-+])\s*(?:[ij]\s*+\*?\s*+)?({_REAL.removeprefix('[-+]?')})\s*+\*?\s*+[ij]?\s*+\)?"
 )
 _NOTHING = {"", "nan", "-nan", "+nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "1.#qnan", "1.#ind"}
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[-+]\d\d:?\d\d)?")

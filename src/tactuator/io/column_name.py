@@ -43,6 +43,7 @@ _SPELLINGS = (
     ("\u00b5", "u"), ("\u03bc", "u"), ("\u00b2", "2"), ("^", ""), ("*", ""), ("\u00b7", ""), ("_", "/"), (" per ", "/"),
     ("/per/", "/"), ("/s/2", "/s2"), ("/s/s", "/s2"), ("\u03c0 rad", "pi rad"),
 )  # fmt: skip
+_LONGEST_UNIT = 200
 _ONE_LETTER = "vsm"
 """Units of one letter that a name may end in as a small one: `command_v`; `_a` and `_n` are numbers of channels."""
 
@@ -62,11 +63,15 @@ _UNITS = {
     for kind, units in _KINDS.items()
     for text, factor in units.items()
 }
+_ALIKE = {name.casefold(): [unit for other, unit in _UNITS.items() if other.casefold() == name.casefold()]
+          for name in _UNITS}  # fmt: skip
 
 
 def unit_of(text: str) -> Unit | None:
     """Return the unit that a text names; None for another text. Raises BadInput for one that two units are."""
     plain = text.strip(" .[](){}")
+    if len(plain) > _LONGEST_UNIT:
+        return None
     for other, usual in _SPELLINGS:
         plain = plain.replace(other, usual)
     plain = plain.removeprefix("in ")
@@ -78,7 +83,7 @@ def unit_of(text: str) -> Unit | None:
         return unit_of(ratio[1])
     if plain.casefold() == "grad":
         raise BadInput(f"the unit {text!r} may be degrees or gradians", "deg or gon, as NAME=UNIT")
-    alike = [unit for name, unit in _UNITS.items() if name.casefold() == plain.casefold()]
+    alike = _ALIKE.get(plain.casefold(), [])
     if len(alike) > 1:
         raise BadInput(
             f"the unit {text!r} may be {' or '.join(unit.text for unit in alike)}",
@@ -154,17 +159,19 @@ def column_name(text: str, stated: str = "") -> ColumnName:
 
 def _split(text: str) -> ColumnName:
     plain = text.strip()
-    found = None
-    for pattern in (r"[\[({](.*)[\])}]\s*$", r"[\[({]([^\[\](){}]*)[\])}]\s*$"):
-        found = re.search(pattern, plain)
-        if found and (unit := unit_of(found[1]) or unit_of(found[1].partition(",")[0])):
-            return ColumnName(text, plain[: found.start()], unit)
-    if not found:
+    outer, inner = re.search(r"[\[({]", plain), max(plain.rfind(mark, 0, -1) for mark in "[](){}")
+    if outer is None or not plain.endswith(("]", ")", "}")):
+        return _unbracketed(text, plain)
+    for start in (outer.start(), inner):
+        within = plain[start + 1 : -1]
+        if plain[start] in "[({" and (unit := unit_of(within) or unit_of(within.partition(",")[0])):
+            return ColumnName(text, plain[:start], unit)
+    if plain[inner] not in "[({":
         return _unbracketed(text, plain)
     # a unit within the brackets may be a part of another one: 10 ms, log Hz; f(x) has none there
-    named = _unbracketed(text, plain[: found.start()].strip())
-    unknown = found[1].strip() if re.search(r"[\s_]\(|[\[{]", plain) else ""
-    return replace(named, base=f"{named.base} {found[0]}", unknown=unknown)
+    named = _unbracketed(text, plain[:inner].strip())
+    unknown = plain[inner + 1 : -1].strip() if re.search(r"[\s_]\(|[\[{]", plain) else ""
+    return replace(named, base=f"{named.base} {plain[inner:]}", unknown=unknown)
 
 
 def _unbracketed(text: str, plain: str) -> ColumnName:

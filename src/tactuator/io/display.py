@@ -55,10 +55,10 @@ def read_display(path: str | Path) -> Display:
 def _with_unchanged(document: Document, text: str) -> Document:
     """Return the document whose channels list their keys that still say CHANGE THIS."""
     channels = document.get("channel")
-    parts = re.split(r"(?m)^\s*\[\[\s*channel\s*\]\]", text)[1:]
+    parts = re.split(r"(?m)^[ \t]*\[\[[ \t]*channel[ \t]*\]\]", text)[1:]
     if not isinstance(channels, list) or len(parts) != len(channels) or "CHANGE THIS" not in text:
         return document
-    keys = [re.findall(r"(?m)^\s*(\w+)\s*=.*#\s*CHANGE THIS", part) for part in parts]
+    keys = [re.findall(r"(?m)^[ \t]*(\w++)[ \t]*=.*#[ \t]*CHANGE THIS", part) for part in parts]
     return {**document, "channel": [{"unchanged": mine, **entry} for entry, mine in zip(channels, keys, strict=True)]}
 
 

@@ -222,7 +222,7 @@ def _headings(line: str, delimiter: str | None, is_remark: bool) -> Iterator[lis
     plain = plain.lstrip("#*!%; \t") if is_remark else plain
     yield parts(plain, delimiter)
     yield re.split(r"\s{2,}|\t", plain)
-    yield re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])*", plain)
+    yield re.findall(r"[^\s\[(]++(?:\s*+[\[(][^\])]{0,200}[\])])*+", plain)
     for mark in ("\t", ";", ","):
         yield plain.split(mark)
 

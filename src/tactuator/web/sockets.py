@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import json
 from collections.abc import Coroutine, Mapping
 from contextlib import suppress
 from typing import Any
@@ -26,7 +27,11 @@ async def send(socket: WebSocket, message: dict[str, Any]) -> None:
     """Send a message. Raises WebSocketDisconnect where the page has gone."""
     if socket.application_state is WebSocketState.DISCONNECTED:
         raise WebSocketDisconnect
-    await socket.send_json(message)
+    text = json.dumps(message, separators=(",", ":"), ensure_ascii=False)
+    try:
+        await socket.send_text(text)
+    except RuntimeError:  # it was closed meanwhile, which is read later
+        raise WebSocketDisconnect from None
 
 
 async def receive_text(socket: WebSocket) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from tactuator.api.experiment import erase, export, rename, thresholds, void
+from tactuator.api.experiment import correct, enrol, erase, export, rename, thresholds, void
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import SubjectPart
@@ -125,6 +125,16 @@ def test_void__what_cannot_be__is_refused_and_leaves_no_event(lab, tmp_path) -> 
     ):
         with pytest.raises(BadInput, match=words):
             void(code, lab, reason, visit, run, trial)
+    for mark in ("\0", "\x1b[2J", "\x85", "\udc80"):
+        for refused in (
+            lambda mark=mark: void("S1", lab, f"a{mark}siren", 1),
+            lambda mark=mark: rename("S1", "S7", lab, f"a{mark}slip"),
+            lambda mark=mark: correct("S1", lab, f"a{mark}slip", group="adult"),
+            lambda mark=mark: correct("S1", lab, "a slip", group="adult", operator=f"E{mark}X"),
+            lambda mark=mark: enrol("S8", lab, group=f"a{mark}dult"),
+        ):
+            with pytest.raises(BadInput, match=r"control character|letters, digits"):
+                refused()
     with pytest.raises(BadInput, match="visit 2 of subject 'S1' is not void"):
         void("S1", lab, "why", 2, restore=True)
     assert events_of(lab) == before

@@ -23,7 +23,7 @@ from tactuator.web import serve
 from tactuator.web import server as serving
 from tactuator.web.pages import plain_text
 from tactuator.web.server import Address
-from tactuator.web.sockets import refuse
+from tactuator.web.sockets import refuse, send
 from tactuator.web.study_pages import build_app
 from tests.experiment.session.apparatuses import PROTOCOL
 from tests.web.access.mutating import Asking, fuzz, hear_all
@@ -96,6 +96,23 @@ def test_websockets__refused_or_gone__leave_no_traceback_in_the_log(port: int, c
         last.send("the others are through")
         assert last.recv() == "the others are through"
     assert [record for record in caplog.records if record.exc_info] == []
+
+
+def test_send__to_a_connection_that_the_server_has_ended__is_as_a_page_that_went() -> None:
+    async def ended(message) -> None:  # as uvicorn's, once a flooded client answers no ping
+        if message["type"] == "websocket.send":
+            raise RuntimeError("Unexpected ASGI message 'websocket.send', after sending 'websocket.close'.")
+
+    async def connected() -> dict[str, str]:
+        return {"type": "websocket.connect"}
+
+    async def sent() -> None:
+        socket = WebSocket({"type": "websocket"}, connected, ended)
+        await socket.accept()
+        await send(socket, {"level": 1.0})
+
+    with pytest.raises(WebSocketDisconnect):
+        asyncio.run(sent())
 
 
 def test_address__certificate__encrypts_pages_and_answers_to_the_names_told() -> None:

@@ -9,7 +9,7 @@ from tactuator.experiment.words import Words
 
 _MISSING = frozenset(["na", "n/a", "nan", "null", "none", "nil", "missing", "inf", "infinity"])
 _LOGICAL = frozenset(["t", "f", "true", "false", "wahr", "falsch", "vrai", "faux"])
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|0x[0-9a-f]+")
+_NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|0x[0-9a-f]+")
 _PLAIN = re.compile(r"-?(0|[1-9]\d{0,14})")
 """Numbers that are written as they were read."""
 _MONTH = (

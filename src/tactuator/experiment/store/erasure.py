@@ -100,7 +100,7 @@ def _scrubbed(text: str, names: Iterable[str]) -> str:
     return re.sub(rf"(?<![\w-])(?:{each})(?![\w-])", "erased", text)
 
 
-_HEADER = re.compile(r"^[ \t]*\[+[ \t]*([\w.\"' -]+?)[ \t]*\]+", re.MULTILINE)
+_HEADER = re.compile(r"^[ \t]*+\[++[ \t]*+([\w.\"' -]++)[ \t]*+\]+", re.MULTILINE)
 
 
 def _without(version: Found, names: set[str]) -> str:

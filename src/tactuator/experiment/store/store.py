@@ -6,6 +6,7 @@ import fcntl
 import importlib.util
 import logging
 import os
+import re
 import sqlite3
 import stat
 import struct
@@ -155,6 +156,17 @@ _DAMAGED: tuple[type[Exception], ...] = (DBAPIError, sqlite3.DatabaseError, Unic
 """What a damaged file raises; SQLite's own message can hold bytes of it that are no text."""
 
 
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+"""What no free text of a store has: a server refuses some of it, exports would have it and spreadsheets stop at it."""
+
+
+def _refuse_controls(_connection: Any, _cursor: Any, _statement: str, given: Any, *_: Any) -> None:
+    rows = given if isinstance(given, list) else [given]
+    for value in (value for row in rows for value in (row.values() if isinstance(row, dict) else row)):
+        if isinstance(value, str) and _CONTROL.search(value):
+            raise BadInput(f"the text {value[:60]!r} has a control character", "a text without")
+
+
 class Store:
     """The database at a path, which is made if it is not there (unless must_exist).
 
@@ -181,6 +193,7 @@ class Store:
         self._had_log = self.is_file and self._log_belongs()
         self._faults = _DAMAGED if self.is_file else _server_faults()
         self.engine: Engine = self._file(must_exist, durable) if self.is_file else _server(str(place))
+        event.listen(self.engine, "before_cursor_execute", _refuse_controls)
         self.name = str(place) if self.is_file else self.engine.url.render_as_string()
         try:
             if whole and self.is_file:
