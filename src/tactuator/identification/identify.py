@@ -70,11 +70,13 @@ def _refined(common: Prepared, note: Callable[[str], None]) -> Identification:
         data = response_of(common.signals, common.rate_hz)
     else:
         data = response_of_periods(distortion.local, common.signals, common.rate_hz)
+    prompt = data
     data, starts, first = _begin(data, holds, known, note)
     # a command recorded behind a filter runs ahead of its own past
     if distortion is None and common.in_loop is not False and holds != ("band-limited",):
         suspected = first.chosen.fit.growth > 0.0 or common.in_loop is True
-        causal = data.beside_loop(suspected=suspected)
+        # read later by a dead time that the noise feigned, a position would follow commands that are yet to come
+        causal = prompt.beside_loop(suspected=suspected)
         if causal is not None:
             note("a loop may have answered the noise: starting from an autoregressive response")
             other = _begin(causal, holds, known, note)
