@@ -72,7 +72,8 @@ _STILL = 0.05
 class FrictionFit:
     """An estimate of records with friction taken off their commands. signals: with it. coulomb, its
     standard deviation, and the presliding distance, in the signals' units. shifts: deviations of (numerator, theta,
-    dead time), each independent of the others, by the level and by other laws of friction, (k, parameters).
+    dead time), each independent of the others, by the level (first) and by other laws of friction, (k, parameters).
+    beyond_chance: power of the residual that follows the commands over what chance leaves of it.
     """
 
     estimate: SpectralEstimate
@@ -81,6 +82,14 @@ class FrictionFit:
     deviation: float
     presliding: float
     shifts: FloatArray
+    beyond_chance: float = 1.0
+
+    def within(self, half_width: float, beyond_chance: float) -> FrictionFit:
+        """Return the same with a level of that 95 % half-width, and the parameters' deviations by it."""
+        deviation = half_width / Z95
+        by_level = self.shifts[:1] * (deviation / self.deviation)
+        shifts = np.vstack([by_level, self.shifts[1:]])
+        return replace(self, deviation=deviation, shifts=shifts, beyond_chance=beyond_chance)
 
 
 def dahl_state(position: FloatArray, presliding: float) -> FloatArray:
@@ -223,16 +232,19 @@ def _with_level(stage: _Stage) -> FrictionFit | None:
 
 
 def friction_shown(signals: Signals, bare: SpectralEstimate) -> tuple[float, FloatArray] | None:
-    """Return the level of a friction along the estimate's own path that explains more of the residual than chance ever
-    would, and by how much one unit of it moves the estimate's parameters; None where none shows.
+    """Return the level of a friction along the estimate's own path, or the measured one, that explains more of the
+    residual than chance ever would, and by how much one unit of it moves the estimate's parameters; None where none
+    shows.
 
-    It counts beside what the parameters make up for: friction damps a resonance like any other damping.
+    It counts beside what the parameters make up for: friction damps a resonance like any other damping. Where it holds
+    the motion still for a while, the estimate's own path reverses at other times, and only the measured one shows it.
     """
     stage = _Stage(signals, bare, _Level(0.0, 0.0, ()))
     if not all(np.all(residual.response) for residual in bare.residuals):
         return None  # nothing moves
     motion = max(float(np.std(path)) for path in stage.paths)
-    ways = ([dahl_state(path, place) for path in stage.paths] for place in _SHOWN_AT * motion)
+    both = product((stage.paths, stage.measured), _SHOWN_AT * motion)
+    ways = ([dahl_state(path, place) for path in paths] for paths, place in both)
     best = max((stage.lines.explained(pull) for pull in stage.lines.pulls(ways)), key=lambda way: way[0])
     return (best[1], best[3]) if 2.0 * best[0] > _CERTAIN else None
 

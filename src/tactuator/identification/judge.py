@@ -81,10 +81,15 @@ def identification(
     """
     chosen, other = estimate.chosen, None
     residuals = estimate.residuals or residuals_of_model(chosen.fit, estimate.spectra, 0.5 * common.rate_hz)
+    tests = _tests(estimate, residuals, distortion, fitted=fitted)
+    friction = None
+    if friction_fit is not None:
+        beyond_chance = _beyond_chance(tests, common)
+        friction = friction_of(friction_fit, beyond_chance, common)
+        # the band knows of the level no more than the level's own interval does
+        friction_fit = friction_fit.within(friction.confidence / common.scale[0], beyond_chance)
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
-    tests = _tests(estimate, residuals, distortion, fitted=fitted)
-    friction = None if friction_fit is None else friction_of(friction_fit, tests, common)
     vague = friction is not None and friction.confidence > _VAGUE * friction.coulomb
     if (vague or bent[0] > 0.0) and estimate.advantage < BENT * estimate.enough:
         # no form here has what bends it, and one hold's half sample may pass for that
@@ -157,15 +162,21 @@ def _with_what_is_left(
     )
 
 
-def friction_of(friction_fit: FrictionFit, tests: ResidualTests, common: Prepared) -> Friction:
+def _beyond_chance(tests: ResidualTests, common: Prepared) -> float:
+    """Return the power of the residual that follows the command over what chance leaves of it, 1 where it may be that:
+    the variance of what was estimated beside it grows alike (McCullagh and Nelder, Generalized Linear Models, 1989).
+    """
+    count = sum(command.size for command, _ in common.signals)
+    return 1.0 if tests.uncorrelated_with_input else max(1.0, tests.unexplained * count / _DEGREES)
+
+
+def friction_of(friction_fit: FrictionFit, beyond_chance: float, common: Prepared) -> Friction:
     """Return friction in the record's units, with the interval and the distance that the record allows.
 
     Where friction builds up between two samples only that it is short can be seen.
     """
     to_unit, to_position = common.scale
-    count = sum(command.size for command, _ in common.signals)
-    more = 1.0 if tests.uncorrelated_with_input else max(1.0, tests.unexplained * count / _DEGREES)
-    half_width = Z95 * friction_fit.deviation * float(np.sqrt(more))
+    half_width = Z95 * friction_fit.deviation * float(np.sqrt(beyond_chance))
     distance: float | None = friction_fit.presliding * to_position
     if friction_fit.presliding <= float(np.median(np.abs(np.diff(common.signals[0][1])))):
         half_width, distance = float(np.hypot(half_width, _UNRESOLVED * friction_fit.coulomb**2)), None
@@ -192,7 +203,7 @@ def _model(
     fit = choice.fit
     covariance = choice.problem.covariance_of(fit)
     if friction_fit is not None:
-        covariance = covariance * BENT
+        covariance = covariance * (BENT * friction_fit.beyond_chance)
         if choice is estimate.chosen:
             covariance += friction_fit.shifts.T @ friction_fit.shifts
     fixed = [value for value in common.options.fixed if value.binds(fit.form)]
