@@ -128,8 +128,9 @@ class SimulatedRig(ComputedRig):
 
 _PIECE_S = 0.002
 """Time for which a computed stream cannot be taken back: what is computed is felt."""
-_LATE_S = 0.01
-"""A stream that is computed later than this does not catch up: its time has stood still."""
+_LATE_S = 0.03
+"""A stream that is computed later than this, by which a sound card is fed ahead, does not catch up: its time has stood
+still."""
 _FADE_S, _FADE_POWER, _QUIET_S = 0.017, 2.5, 0.06
 """A stream that is ended fades by a power of what is left of the first, and the loop stays closed for the last:
 releasing a moving motor can be felt. Tones of 100 Hz are silent in 10 ms at any phase; after a cosine, in 20.

@@ -90,7 +90,8 @@ class LiveLevel:
         most = seconds / (OPEN_S if towards else SHUT_S)
         self._gate += float(np.clip(towards - self._gate, -most, most))
         gain = float(from_db(self.gain_db)) * self._gate
-        return np.asarray(rows * np.linspace(former, gain, len(rows) + 1)[1:, None])
+        line = former + (gain - former) / len(rows) * np.arange(1, len(rows) + 1)
+        return np.asarray(rows * line[:, None])
 
     def _listen(self, power: float, seconds: float) -> None:
         """Learn the noise, and open the gate for what is louder."""

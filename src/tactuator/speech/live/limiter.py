@@ -28,6 +28,8 @@ HORIZONS_S, LATER_SHARE, MOST_LATER_SHARE = (0.125, 0.25, 0.5, 1.0), 0.15, 0.5
 the longest, the greatest reference is lowered until no more than the second is."""
 BEFORE_SHARE = 0.2
 """The threshold's weight has zero phase: so much of the horizon is followed before a sample."""
+WAITING = 3
+"""Blocks whose effect may wait, while the most that it can be keeps every limit: one transform then does for all."""
 LEAST_GAIN = 0.01
 """A gain that comes back begins here, 40 dB down."""
 
@@ -81,10 +83,12 @@ class LiveLimiter:
         self._limits = horizon_of(controller)
         self._block, self.look_ahead = block, round(LOOK_AHEAD_S * controller.rate_hz)
         self._rise = 10.0 ** (RELEASE_DB_PER_MS * 1e3 / controller.rate_hz / 20.0)
-        length = self.look_ahead + block
+        length = self.look_ahead + (1 + WAITING) * block
         self._reach = self._limits.before + self._limits.after + length - 1
         self._size = int(scipy.fft.next_fast_len(self._reach, real=True))
         self._responses = scipy.fft.rfft(self._limits.kernels, self._size)
+        sums = np.pad(np.abs(self._limits.kernels).cumsum(axis=1), ((0, 0), (length, 0)))
+        self._most_effect = (sums[:, length:] - sums[:, :-length]).max(axis=1)
         fade = 0.5 + 0.5 * np.cos(np.pi * (np.arange(self.look_ahead) + 0.5) / self.look_ahead)
         self._window = np.concatenate((np.ones(block), fade))
         self.max_reduction_db, self.reduced = 0.0, 0
@@ -97,12 +101,23 @@ class LiveLimiter:
         self._plan = np.ones((channels, 1)) * np.concatenate((self._window[self._block :], np.zeros(self._block)))
         self._predicted = np.zeros((len(self._limits.limit), self._reach), np.float32)
         self._gain = np.ones(channels)
+        self._most = np.zeros(len(self._limits.limit))
+        self._forget_waiting()
+
+    def _forget_waiting(self) -> None:
+        self._late = np.zeros((len(self._gain), self.look_ahead + (1 + WAITING) * self._block))
+        self._late_blocks = 0
 
     def push(self, rows: FloatArray) -> FloatArray:
         """Return the rows of LOOK_AHEAD_S before, limited."""
         signal, now = np.hstack((self._waiting, rows.T)), np.maximum(self._gain, LEAST_GAIN)[:, None]
         wanted = np.minimum(1.0, now * self._rise ** np.arange(1, signal.shape[1] + 1)) * self._window
-        effect = self._effect(signal * (wanted - self._plan))
+        change = signal * (wanted - self._plan)
+        if (self._gain == 1.0).all() and self._passes(signal, change):
+            return self._commit(signal, wanted)
+        if self._late_blocks:
+            self._predict(self._predicted + self._effect(self._late), self._late_blocks)
+        effect = self._effect(change)
         excess = self._excess(signal * wanted, self._predicted + effect)
         if (excess > 1.0).any():  # less of it, before any of it is given up
             line = np.minimum(1.0, np.arange(1, signal.shape[1] + 1) / self._block)
@@ -110,8 +125,32 @@ class LiveLimiter:
             wanted = np.where(excess[:, None] > 1.0, lower, wanted)
             effect = self._effect(signal * (wanted - self._plan))
         share = self._share(signal * self._plan, signal * (wanted - self._plan), effect)
-        self._predicted += share[self._limits.channel, None].astype(np.float32) * effect
+        self._predict(self._predicted + share[self._limits.channel, None].astype(np.float32) * effect, 1)
         return self._commit(signal, self._plan + share[:, None] * (wanted - self._plan))
+
+    def _passes(self, signal: FloatArray, change: FloatArray) -> bool:
+        """Return whether a block keeps every limit untouched; its effect is then predicted, now or later."""
+        if (np.abs(signal).max(axis=1) > self._limits.peak).any():
+            return False
+        late, at = self._late.copy(), self._late_blocks * self._block
+        late[:, at : at + change.shape[1]] += change
+        most = self._most + np.abs(late).max(axis=1)[self._limits.channel] * self._most_effect
+        if self._late_blocks < WAITING and (most <= self._limits.limit).all():
+            self._late, self._late_blocks = late, self._late_blocks + 1
+            return True
+        predicted = self._predicted + self._effect(late)
+        if (self._excess(signal, predicted) > 1.0).any():
+            return False
+        self._predict(predicted, self._late_blocks + 1)
+        return True
+
+    def _predict(self, predicted: Samples, blocks: int) -> None:
+        """Take up a prediction, of which so many blocks are over."""
+        over = blocks * self._block
+        self._predicted[:, :-over] = predicted[:, over:]
+        self._predicted[:, -over:] = 0.0
+        self._most = np.maximum(self._predicted.max(axis=1), -self._predicted.min(axis=1))
+        self._forget_waiting()
 
     def _effect(self, change: FloatArray) -> Samples:
         """Return what a change of the plan adds to each prediction."""
@@ -136,8 +175,6 @@ class LiveLimiter:
         block = self._block
         self._waiting, self._gain = signal[:, block:], gains[:, block - 1].copy()
         self._plan = np.hstack((gains[:, block:], np.zeros((len(gains), block))))
-        self._predicted[:, :-block] = self._predicted[:, block:]
-        self._predicted[:, -block:] = 0.0
         came, out = np.abs(signal[:, :block]), (signal * gains)[:, :block]
         self.reduced += int(np.count_nonzero(((gains[:, :block] < 1.0) & (came > 1.0)).any(axis=0)))
         left = np.maximum(np.abs(out).max(axis=1), 1.0)

@@ -119,7 +119,7 @@ class ClockedResampler:
         whole = np.floor(positions).astype(int)
         missing = int(whole[-1]) + self._half + 1 - len(self._samples)
         samples = self._samples if missing <= 0 else np.concatenate((self._samples, np.zeros(missing)))
-        windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * self._half)[whole - self._half + 1]
+        windows = samples[(whole - self._half + 1)[:, None] + np.arange(2 * self._half)]
         phase = (positions - whole) * PHASES
         row = phase.astype(int)
         part = (phase - row)[:, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
@@ -40,6 +41,8 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Tra
     the source is closed: a microphone takes its time.
     """
     misses, since_s = 0, 0.0
+    gc.collect()
+    gc.freeze()  # a search for garbage, 70 ms among all that is loaded, then goes over what is new
     with closing(source):
         try:
             while True:
@@ -56,6 +59,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Tra
                     rig.lead_s *= 2.0
                     stream.lost()
         finally:
+            gc.unfreeze()
             rig.rest()
         if (fault := getattr(source, "fault", None)) is not None:
             raise fault
