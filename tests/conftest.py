@@ -134,22 +134,33 @@ _ROOMS = ("console", "core", "experiment", "identification", "measure", "report"
 _LONG = (*_ROOMS, "wordlength", "io/test_full_disk", "model/test_response_plant")
 
 
+def _kind(place: str) -> str:
+    """The kind of a file's tests, by its place below tests/; "quick" is a unit test that may be."""
+    if any(part in place for part in _BROWSER):
+        return "browser"
+    if place.startswith(_DEVICE):
+        return "device"
+    if place.startswith(_INTEGRATION):
+        return "integration"
+    return "unit" if place.startswith(_LONG) else "quick"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """`-m quick` imports no file that has no quick test: that took longer than the tests themselves."""
+    place = collection_path.relative_to(Path(__file__).parent).as_posix()
+    asked = config.getoption("markexpr") == "quick" and place.endswith(".py")
+    return True if asked and _kind(place) != "quick" else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test by its place in the tree: browser, device, integration or unit; the slow ones begin first."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)  # or one of them ends alone
     tests = Path(__file__).parent
     for item in items:
-        place = item.path.relative_to(tests).as_posix()
-        if any(part in place for part in _BROWSER):
-            item.add_marker(pytest.mark.browser)
-        elif place.startswith(_DEVICE):
-            item.add_marker(pytest.mark.device)
-        elif place.startswith(_INTEGRATION):
-            item.add_marker(pytest.mark.integration)
-        else:
-            item.add_marker(pytest.mark.unit)
-            if not place.startswith(_LONG) and item.get_closest_marker("slow") is None:
-                item.add_marker(pytest.mark.quick)
+        kind = _kind(item.path.relative_to(tests).as_posix())
+        item.add_marker("unit" if kind == "quick" else kind)
+        if kind == "quick" and item.get_closest_marker("slow") is None:
+            item.add_marker("quick")
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:

@@ -242,15 +242,26 @@ UNREADABLE = {"kind": ('kind = "quest-plus"', 'kind = "no-such-package"'), "text
 AT_CHANCE = {"chance": (QUESTS, 'kind = "up-down"\ndown = 1\n[paradigm]\nintervals = 2')}
 
 
-def answered_store(path, *texts):
-    """A store in which one simulated subject has gone through each protocol."""
-    made = Store(path)
-    for text in texts:
-        place = apparatus()
-        curve = place.controller.display.channels[0].threshold.curve
-        people = simulated_observers(curve, 1, 3, place.band_hz)
-        run_study(made, parse_protocol(text, Protocol), text, place, people, ObedientClock())
-    return made
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory):
+    """Return a function that opens a store in which one simulated subject has gone through each protocol: its own copy
+    of one that was made once.
+    """
+    folder, stores = tmp_path_factory.mktemp("answered"), {}
+
+    def opened(path, *texts):
+        if texts not in stores:
+            stores[texts] = folder / f"{len(stores)}.db"
+            with closing(Store(stores[texts])) as made:
+                for text in texts:
+                    place = apparatus()
+                    curve = place.controller.display.channels[0].threshold.curve
+                    people = simulated_observers(curve, 1, 3, place.band_hz)
+                    run_study(made, parse_protocol(text, Protocol), text, place, people, ObedientClock())
+        shutil.copy(stores[texts], path)
+        return Store(path)
+
+    return opened
 
 
 def tables_of(folder, study):
@@ -266,12 +277,12 @@ def tables_of(folder, study):
 @pytest.mark.parametrize("first", [True, False])
 @pytest.mark.parametrize("change", [*(UNREADABLE | AT_CHANCE).values()], ids=[*(UNREADABLE | AT_CHANCE)])
 def test_export__one_study_cannot_be_refitted__keeps_its_trials_and_leaves_the_others_as_they_are(
-    tmp_path, change, first
+    tmp_path, change, first, answered
 ) -> None:
-    with closing(answered_store(tmp_path / "alone.db", ONE_SUBJECT)) as alone:
+    with closing(answered(tmp_path / "alone.db", ONE_SUBJECT)) as alone:
         export(alone, tmp_path / "alone", "tidy")
     texts = (BROKEN, ONE_SUBJECT) if first else (ONE_SUBJECT, BROKEN)
-    with closing(answered_store(tmp_path / "lab.db", *texts)) as both:
+    with closing(answered(tmp_path / "lab.db", *texts)) as both:
         with both.begin() as connection:
             version = schema.protocol_version
             broken = BROKEN.replace(*change)
@@ -324,7 +335,7 @@ def test_fact__no_number_or_one_with_two_meanings__is_refused_by_its_name(typed)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_export__larger_store__holds_no_more_rows_at_a_time(tmp_path, monkeypatch, form) -> None:
+def test_export__larger_store__holds_no_more_rows_at_a_time(tmp_path, monkeypatch, answered, form) -> None:
     """Rows are counted where they are fetched, with those of runs that are still held then."""
     held, most = weakref.WeakSet(), [0]
     fetched, made = run_rows.plain_rows, run_rows.RunRows
@@ -343,7 +354,7 @@ def test_export__larger_store__holds_no_more_rows_at_a_time(tmp_path, monkeypatc
     monkeypatch.setattr(run_rows, "plain_rows", counted)
     monkeypatch.setattr(run_rows, "RunRows", registered)
     texts = [ONE_SUBJECT.replace('"short"', f'"{name}"').replace("[30, 90, 210]", "[210]") for name in "abcdefgh"]
-    with closing(answered_store(tmp_path / "lab.db", *texts)) as store:
+    with closing(answered(tmp_path / "lab.db", *texts)) as store:
         assert export(store, tmp_path / form, form) == 18 * len(texts)
     # a trial has three intervals; a run of at most 18 trials is held while the next ones are read
     assert 0 < most[0] <= 4 * (40 + 18) < 4 * 18 * len(texts) / 2
