@@ -294,7 +294,9 @@ def requests_of(path: str, file: dict[str, str]) -> list[dict]:
             {"do": "speech.render", **DISPLAY, "file": file["curve"], "coding": "direct", "level": 30.0},
         ],
         "/ws/rig": [
-            *({"do": name} for name in ("take", "give", "live", "stop", "reopen")),
+            *({"do": name} for name in ("take", "give", "live", "microphones", "stop", "reopen")),
+            {"do": "listen", "settings": {"coding": "direct", "level_db_sl": 20.0, "file": file["curve"]}},
+            {"do": "mute", "muted": True},
             {"do": "controller", "source": "file", "file": file["controller"], "shapes": {}},
             {"do": "wave", "wave": {"kind": "tone", "level_db_sl": 20.0, "channels": ["index"], "frequency_hz": 50.0}},
             {

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any
 
+import numpy as np
 from fastapi import WebSocket, WebSocketDisconnect
 from pydantic import ConfigDict, ValidationError, validate_call
 from pydantic_core import from_json
@@ -107,6 +108,14 @@ async def _answer(call: Callable[[], Any]) -> Answer | None:
 def digits(values: FloatArray) -> list[float]:
     """Return numbers to the six digits that a drawing needs."""
     return [float(f"{value:.6g}") for value in values.tolist()]
+
+
+def tenths(values: Any, decimals: int = 1) -> Any:
+    """Return levels to a tenth, as JSON has them: None for a level of nothing."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim > 1:
+        return [tenths(row, decimals) for row in array]
+    return [round(level, decimals) if np.isfinite(level) else None for level in array.tolist()]
 
 
 def command_line(name: str, *given: str, **options: Any) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from tactuator.arrays import FloatArray
-from tactuator.console.fields import PageSetting
+from tactuator.console.fields import Finite, Name, PageSetting
 from tactuator.console.generator import GeneratorWave, Hertz
 from tactuator.io.response import responses_csv
 from tactuator.measure.error import ResponseLevels
@@ -20,7 +20,7 @@ from tactuator.rig.rig import Trace
 from tactuator.signals.record import Response
 from tactuator.synthesis.felt import felt_db_sl
 
-Mode = Literal["idle", "live", "measuring", "presenting", "fault", "gone"]
+Mode = Literal["idle", "live", "listening", "measuring", "presenting", "fault", "gone"]
 _ERRORS = ("error_db", "error_jnd", "model_db", "unpredicted_db")
 
 
@@ -29,6 +29,18 @@ class MeasureSettings(MeasurementOptions, PageSetting):
     """Settings of a measurement, as `measure response` has them; no frequencies: those of the command."""
 
     frequency_hz: Annotated[tuple[Hertz, ...], Field(max_length=200)] = ()
+
+
+@dataclass(frozen=True)
+class ListenSettings(PageSetting):
+    """Settings of live sound. file: path of a sound file, or its key as a page names it; empty: a microphone, by its
+    name or the system's own.
+    """
+
+    coding: Name
+    level_db_sl: Finite
+    file: Name = ""
+    microphone: Name = ""
 
 
 @dataclass(frozen=True)

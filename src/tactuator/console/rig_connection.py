@@ -16,24 +16,30 @@ from pydantic import Field
 from tactuator.console.fields import CHANNELS_MAX, Count, Finite, Name
 from tactuator.console.generator import GeneratorWave, peaks_of
 from tactuator.console.loop_shape import shape_of
-from tactuator.console.requests import Answer, Functions, bound, command_line, serve_requests
-from tactuator.console.rig_calls import MeasureSettings, Points
+from tactuator.console.requests import Answer, Functions, bound, command_line, serve_requests, tenths
+from tactuator.console.rig_calls import ListenSettings, MeasureSettings, Points
 from tactuator.console.rig_process import RigProcess
 from tactuator.console.rig_session import Page, RigSession
 from tactuator.console.scope import KEPT_S, SIGNALS, Look, View
 from tactuator.console.state import FILE
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, DeviceFault
 from tactuator.io.controller import read_controller
 from tactuator.io.reference import open_reference
 from tactuator.measure.options import MeasurementOptions
+from tactuator.plain import picked
+from tactuator.rig.sound.cards import list_cards
 from tactuator.signals.multisine import over_the_band
+from tactuator.speech.coding import coding_names, coding_of, live_coding
+from tactuator.speech.live.level import LevelSettings
+from tactuator.speech.live.meter import LiveBlock
+from tactuator.speech.reading import scan_speech
 from tactuator.synthesis.design import design_controller
 from tactuator.web.sockets import first_to_end, send
 
 FRAMES_HZ = 50.0
 AHEAD = 2
 """Frames that a page may have had and not drawn; what would come then is left out, and counted."""
-LEVELS_HZ = 8.0
+LEVELS_HZ, HEARD_HZ = 8.0, 40.0
 _OPTIONS = ("level_db_sl", "load", "confidence_db", "longest_s", "mains_hz")
 """Options of `measure response` that a page sets."""
 _RECORD_COLUMNS = "time_s,reference,command_v,position_v"
@@ -55,7 +61,7 @@ class RigConnection(Page):
         self.controls.enter(self)
         try:
             requests = serve_requests(self._socket, bound(REQUESTS, self), self.session.uploads)
-            await first_to_end(requests, self._tell(), self._frames(), self._levels())
+            await first_to_end(requests, self._tell(), self._frames(), self._levels(), self._heard())
         finally:
             if self.controls.leave(self):
                 self.rig.call("generate", None)
@@ -117,6 +123,30 @@ class RigConnection(Page):
                 shown = self.rig.samples.end
                 await send(self._socket, {"levels": self.session.levels()})
 
+    async def _heard(self) -> None:
+        """Send what live sound asks and what is felt of it, block by block: twice as often looked at as they come."""
+        shown = self.rig.heard
+        while True:
+            await asyncio.sleep(1.0 / HEARD_HZ)
+            block = self.rig.heard
+            if block is not None and block is not shown:
+                shown = block
+                await send(self._socket, {"heard": _shown(block)})
+
+
+def _shown(block: LiveBlock) -> Answer:
+    levels = {
+        "felt_db_sl": [*block.felt_db_sl.values()],
+        "asked_db_sl": [*block.asked_db_sl.values()],
+        "felt_spectrum_db_sl": block.felt_spectrum_db_sl,
+        "asked_spectrum_db_sl": block.asked_spectrum_db_sl,
+    }
+    return {
+        **{name: tenths(values) for name, values in levels.items()},
+        **picked(block, "time_s", "delay_s", "dropouts", "muted"),
+        "frequency_hz": block.frequency_hz.tolist(),
+    }
+
 
 async def take(page: RigConnection) -> Answer:
     """Take the controls, whichever page has them."""
@@ -151,6 +181,40 @@ async def live(page: RigConnection) -> Answer:
     """Play the generator and send every sample, until something else is asked for."""
     page.driven_rig().call("live")
     return {}
+
+
+def listen(page: RigConnection, settings: ListenSettings) -> Answer:
+    """Let fingers feel a microphone, or a file at its own pace; return the command that does the same."""
+    rig, session = page.driven_rig(), page.session
+    LevelSettings(settings.level_db_sl)
+    live_coding(coding_of(settings.coding if settings.coding in coding_names() else "?"))
+    path = session.uploads.path(settings.file) if settings.file else None
+    if path is not None:
+        scan_speech(path)  # a file that is no sound is refused here, a microphone by the rig's process
+    place = "" if path is None else str(path)
+    rig.call("listen", replace(settings, file=place))
+    command = command_line(
+        "listen",
+        controller="controller.json",
+        rig=rig.spec,
+        input=settings.microphone or None if path is None else path.name,
+        coding=settings.coding,
+        level=settings.level_db_sl,
+    )
+    return {"command": command}
+
+
+async def mute(page: RigConnection, muted: bool) -> Answer:
+    """Let live sound go on unfelt, or be felt again."""
+    page.driven_rig().call("mute", muted)
+    return {}
+
+
+def microphones(page: RigConnection) -> Answer:
+    """Return the names of the microphones of the machine where the console runs."""
+    with suppress(BadInput, DeviceFault):
+        return {"microphones": [card.full_name for card in list_cards() if card.inputs]}
+    return {"microphones": []}  # without PortAudio: the refusal comes when one is asked for
 
 
 def reopen(page: RigConnection) -> Answer:
@@ -259,7 +323,8 @@ def measure(page: RigConnection, settings: MeasureSettings) -> Answer:
 
 
 _FUNCTIONS = (
-    take, give, live, stop, reopen, controller, wave, peaks, touch, press, measure, expected, look, drawn, save
+    take, give, live, listen, mute, microphones, stop, reopen, controller, wave, peaks, touch, press, measure, expected,
+    look, drawn, save,
 )  # fmt: skip
 REQUESTS: Functions = {function.__name__: function for function in _FUNCTIONS}
 """Functions of RigConnection."""

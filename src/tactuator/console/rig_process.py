@@ -18,6 +18,7 @@ from tactuator.console.rig_worker import hold_rig
 from tactuator.console.scope import KEPT_S, ScopeSamples
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.description import Display
+from tactuator.speech.live.meter import LiveBlock
 
 _ENDED = ("the process that holds the rig has ended", "open the rig again")
 _END_S = 8.0
@@ -38,6 +39,7 @@ class RigProcess:
         self.spec, self.display, self.seed = spec, display, seed
         self.status = RigStatus()
         self.points: Points | None = None
+        self.heard: LiveBlock | None = None
         self.samples = ScopeSamples(len(display.channels), round(KEPT_S * display.rate_hz))
         self.levels = Levels(display)
         self.changed: Callable[[], None] = lambda: None
@@ -139,6 +141,10 @@ class RigProcess:
         """Take another point of a measurement."""
         self.points = points
         self.changed()
+
+    def take_heard(self, block: LiveBlock) -> None:
+        """Take another block of live sound."""
+        self.heard = block
 
     def take_refusal(self, text: str) -> None:
         """Pass on why a call was refused."""

@@ -7,8 +7,9 @@ import os
 import queue
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
@@ -18,7 +19,7 @@ import numpy as np
 
 from tactuator.arrays import FloatArray
 from tactuator.console.generator import Generator, GeneratorWave
-from tactuator.console.rig_calls import MeasureSettings, Mode, Points, Presented, RigStatus
+from tactuator.console.rig_calls import ListenSettings, MeasureSettings, Mode, Points, Presented, RigStatus
 from tactuator.errors import BadInput, DeviceFault, TactuatorError, TimingMissed
 from tactuator.measure.error import as_read
 from tactuator.measure.response import stepped_sine
@@ -32,6 +33,12 @@ from tactuator.rig.sound.rig import SoundRig
 from tactuator.rig.sound.stream import CardGone
 from tactuator.rig.transport import LinkDown
 from tactuator.signals.record import Response
+from tactuator.speech.coding import coding_of
+from tactuator.speech.live.level import LevelSettings
+from tactuator.speech.live.meter import LiveMeter
+from tactuator.speech.live.run import fed_shortly, run_live
+from tactuator.speech.live.source import FileSource, Microphone, Source
+from tactuator.speech.live.stream import LiveStream
 
 Call = tuple[int, str, tuple[Any, ...]]
 """Number, name of a method of RigWorker, and its arguments."""
@@ -43,7 +50,7 @@ _GUARD_S = 0.5
 _PATIENCE_S = 5.0
 """Time for the rig to come to rest after the server has gone; then the process ends without it."""
 _LAST_S = 1.0
-_WHILE_LIVE = ("generate", "touch", "press")
+_WHILE_LIVE = ("generate", "mute", "touch", "press")
 """Calls that are served while samples flow."""
 
 
@@ -78,13 +85,15 @@ class RigWorker:
         self._spec, self._display, self._seed, self._tell = spec, display, seed, tell
         self._calls: queue.SimpleQueue[Call] = queue.SimpleQueue()
         self._numbers = itertools.count(1)
-        self._obeyed = self._ending = 0
-        """Numbers of the call that is being obeyed, and of the newest one that ends all before it."""
+        self._obeyed = self._ending = self._looked = 0
+        """Numbers of the call that is being obeyed, and of the newest one that ends all before it; and the row at which
+        the guard was last looked at."""
         self._generator = Generator(display, np.random.default_rng(seed))
         self._status = RigStatus(press_v={channel.name: 0.0 for channel in display.channels})
         self._rig: Rig | None = None
         self._opened: Rig | None = None
         self._controller: Controller | None = None
+        self._stream: LiveStream | None = None
         self._after: Call | None = None
 
     def call(self, name: str, *arguments: Any) -> None:
@@ -182,26 +191,58 @@ class RigWorker:
 
     def live(self) -> None:
         """Play the generator and send every sample, until another call."""
-        if self._rig is None:
-            raise BadInput("the rig has gone: open it again")
-        if not self._status.loaded:
-            raise BadInput("no controller is loaded: load one before playing a reference")
-        self._load_again()
+        rig, _ = self._loaded_rig()
         self._say(mode="live", fault="")
-        looked = self._status.given_back
         self._allow_gaps(True)
         try:
-            for trace in self._rig.stream(self._blocks()):
-                self._tell_samples(trace)
-                if self._status.given_back - looked >= _GUARD_S * self._display.rate_hz:
-                    looked = self._status.given_back
-                    self._say(guard=self._guard())
+            for trace in rig.stream(self._blocks()):
+                self._tell_flowing(trace)
             self._rest()
             self._end_as("idle")
         finally:
             self._allow_gaps(False)
             self._generator = Generator(self._display, np.random.default_rng(self._seed))
             self._say(wave=None)
+
+    def listen(self, settings: ListenSettings) -> None:
+        """Let fingers feel sound as it comes, until it ends or another call."""
+        rig, controller = self._loaded_rig()
+        assert self._opened is not None
+        source: Source | None = None
+        try:
+            source = FileSource(settings.file) if settings.file else Microphone(settings.microphone or None)
+            with closing(source), fed_shortly(self._opened):
+                level = LevelSettings(settings.level_db_sl)
+                self._stream = LiveStream(source, controller, coding_of(settings.coding), level, time.monotonic)
+                meter = LiveMeter(self._stream, self._opened)
+                self._say(mode="listening", fault="")
+                run_live(self._stream, rig, source, partial(self._listened, meter))
+        except RigHalted:
+            pass
+        except DeviceFault as error:
+            if source is not None and error is not getattr(source, "fault", None):
+                raise
+            self._tell("take_refusal", str(error))  # the microphone's: the rig is there
+        finally:
+            self._stream = None
+        self._end_as("idle")
+
+    def _listened(self, meter: LiveMeter, trace: Trace) -> None:
+        if self._obeyed <= self._ending:
+            raise RigHalted
+        self._tell_flowing(trace)
+        for block in meter.push(trace):
+            self._tell("take_heard", block)
+        self._take_calls()
+
+    def _loaded_rig(self) -> tuple[Rig, Controller]:
+        """Return the rig and its controller, which is loaded again after a fault. Raises BadInput without one."""
+        if self._rig is None:
+            raise BadInput("the rig has gone: open it again")
+        if not self._status.loaded or self._controller is None:
+            raise BadInput("no controller is loaded: load one before playing a reference")
+        self._load_again()
+        return self._rig, self._controller
 
     def _allow_gaps(self, allowed: bool) -> None:
         """Let the scope go on over a sound card's gaps, which are counted and reported; nothing else may."""
@@ -237,16 +278,23 @@ class RigWorker:
                     getattr(self, name)(*arguments)
                 except BadInput as error:
                     self._tell("take_refusal", str(error))
-            elif name != "live":
+            elif name != "live" or self._stream is not None:
                 self._after = call
-                self._generator.ask(None)
+                self.generate(None)
 
     def generate(self, wave: GeneratorWave | None) -> None:
         """Play that from now on (None: silence)."""
         if self._status.mode != "live" and wave is not None:
             raise BadInput("the rig is not live: start it before the generator")
+        if self._stream is not None:
+            self._stream.stop()
         self._generator.ask(wave)
         self._say(wave=wave)
+
+    def mute(self, muted: bool) -> None:
+        """Let live sound go on unfelt, or be felt again."""
+        if self._stream is not None:
+            self._stream.muted = muted
 
     def touch(self, channel: str, load: str | None) -> None:
         """Put a load of the display file on a channel's simulated finger port; None takes it off."""
@@ -267,6 +315,13 @@ class RigWorker:
         if not isinstance(self._rig, PacedRig):
             raise BadInput("this display is real: a finger goes onto it by hand", "a simulated display")
         return self._rig.finger(channel)
+
+    def _tell_flowing(self, trace: Trace) -> None:
+        """Send samples, and every half second the guard's status."""
+        self._tell_samples(trace)
+        if self._status.given_back - self._looked >= _GUARD_S * self._display.rate_hz:
+            self._looked = self._status.given_back
+            self._say(guard=self._guard())
 
     def _tell_samples(self, trace: Trace) -> None:
         if not len(trace):

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from tactuator.api.speech import RenderResult, render
 from tactuator.console.fields import Finite, Name
-from tactuator.console.requests import Answer, View, command_line
+from tactuator.console.requests import Answer, View, command_line, tenths
 from tactuator.console.rig_session import expected_hum
 from tactuator.console.state import ConsoleState
 from tactuator.measure.felt import LONG_FRAME_S, SHORT_FRAME_S, FingerFelt
@@ -105,23 +102,16 @@ def _finger(felt: FingerFelt) -> Answer:
         parts.append(
             {
                 "seconds": seconds,
-                "hz": _tenths(bands, 3),
-                "asked": _tenths(asked_db[:frames]),
-                "felt": _tenths(felt_db[:frames]),
+                "hz": tenths(bands, 3),
+                "asked": tenths(asked_db[:frames]),
+                "felt": tenths(felt_db[:frames]),
             }
         )
     return {
         "name": felt.finger,
-        "hz": _tenths(felt.centre_hz, 3),
-        "asked": _tenths(felt.asked_db_sl),
-        "felt": _tenths(felt.felt_db_sl),
-        "difference": _tenths(felt.difference_db),
+        "hz": tenths(felt.centre_hz, 3),
+        "asked": tenths(felt.asked_db_sl),
+        "felt": tenths(felt.felt_db_sl),
+        "difference": tenths(felt.difference_db),
         "parts": parts,
     }
-
-
-def _tenths(values: Any, decimals: int = 1) -> Any:
-    array = np.asarray(values, dtype=float)
-    if array.ndim > 1:
-        return [_tenths(row, decimals) for row in array]
-    return [round(level, decimals) if np.isfinite(level) else None for level in array.tolist()]

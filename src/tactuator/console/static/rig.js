@@ -3,7 +3,7 @@ import { banner, make, refusal, say } from "./dom.js";
 import { Link } from "./link.js";
 
 const LOST = "The server does not answer. Its rig goes to rest by itself; what is in this page is still here, and can be saved.";
-const MODES = { idle: "at rest", live: "live", measuring: "measuring", presenting: "an experiment plays", fault: "stopped by a fault", gone: "the rig has gone" };
+const MODES = { idle: "at rest", live: "live", listening: "listening", measuring: "measuring", presenting: "an experiment plays", fault: "stopped by a fault", gone: "the rig has gone" };
 const HOLDERS = { you: "this page has the controls", another: "another page has the controls; this one watches", nobody: "nobody has the controls",
   experiment: "an experiment has the rig; pages of the scope watch" };
 
@@ -60,7 +60,7 @@ class Rig {
 
   take(message) {
     if (message instanceof ArrayBuffer) { if (!this.pushed?.({ frame: message })) this.drawn(new Uint32Array(message, 0, 1)[0]); return; }
-    if (message.refused) banner(message.refused);
+    if (message.refused) { banner(message.refused); this.pushed?.(message); }
     if (message.standing) {
       const before = this.standing?.mode, played = this.standing?.wave?.kind, { wave, mode } = this.standing = message.standing;
       if (this.forFile && played === "file" && !wave && mode === "live" && !this.watches) stopRig(); // the file is over, or was stopped

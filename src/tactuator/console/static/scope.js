@@ -135,7 +135,7 @@ export default class Scope {
   }
 
   felt(levels) {
-    if (!levels || !["live", "presenting"].includes(this.rig.standing.mode)) return;
+    if (!levels || !["live", "listening", "presenting"].includes(this.rig.standing.mode)) return;
     if (performance.now() - this.still < SECOND_MS) { this.tiles(null); return; } // that second holds what was played before
     const { level_db_sl: level, spectrum_db_sl: spectrum } = levels;
     this.levels.push(level);

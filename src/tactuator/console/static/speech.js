@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { colour, command, counted, displayName, make, numberIn, refusal, saveMade, say } from "./dom.js";
 import { Drop } from "./drop.js";
 import { table } from "./figures.js";
+import { LivePanel } from "./live.js";
 import { takenRig } from "./rig.js";
 import { term } from "./words.js";
 
@@ -24,11 +25,12 @@ export default class Speech {
     const input = make("input", { id: "level", type: "number", min: "-60", max: "55", step: "1", value: this.own.level ?? level, onchange: () => { if (!Number.isNaN(numberIn(input))) { this.own.level = input.value; this.again(); } } });
     this.found = make("div", { class: "found" });
     this.player = make("div", { class: "player" });
-    this.rig = takenRig(() => this.standing(), () => false);
+    this.rig = takenRig(() => this.standing(), ({ heard, refused }) => { if (heard) this.live.take(heard); if (refused) this.live.refused(); return false; });
+    this.live = new LivePanel(this.rig, state, codings, level);
     view.replaceChildren(make("div", { class: "spoken" }, make("h1", {}, "Speech on ", display.name),
       make("p", { class: "intro" }, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
       make("div", { class: "panel asking" }, this.drop.box, this.heard, make("div", { class: "factor" },
-        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found));
+        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.live.box, this.found));
     this.standing();
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
   }
@@ -39,6 +41,7 @@ export default class Speech {
   standing() {
     const { rig } = this, there = rig.standing;
     if (this.closed) return;
+    this.live?.standing();
     if (rig.absent || !there || (!this.made && there.mode === "idle")) { this.player.replaceChildren(); return; }
     if (!this.made) { this.player.replaceChildren(rig.bar); return; }
     if (!this.play) {
@@ -141,5 +144,5 @@ export default class Speech {
   }
 
   resize() { this.charts.forEach(([chart]) => chart.resize()); this.maps.forEach((one) => this.picture(one)); }
-  restyle() { this.charts.forEach(([chart]) => chart.restyle()); this.maps.forEach((one) => this.picture(one)); }
+  restyle() { this.live?.restyle(); this.charts.forEach(([chart]) => chart.restyle()); this.maps.forEach((one) => this.picture(one)); }
 }
