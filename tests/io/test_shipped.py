@@ -179,7 +179,7 @@ def test_with_model__in_millimetres__has_a_sensor_gain_of_one():
     in_mm = replace(MODEL, position_unit="mm")
     text = with_model(display_template("voice-coil"), in_mm, "model.json")
     assert tomllib.loads(text)["channel"][0]["sensor_gain_v_per_mm"] == 1.0
-    assert re.findall("(?m)^([a-z_]+) = .*CHANGE THIS", text) == ["travel_mm"]
+    assert re.findall("(?m)^([a-z_]+) = .*CHANGE THIS", text) == ["travel_mm", "bits", "range_v"]
 
 
 @pytest.mark.parametrize("kind", [*DISPLAY_KINDS, "model"])
@@ -210,7 +210,7 @@ def test_with_model__each_kind__has_the_plant_and_its_friction(kind, tmp_path):
     assert channel.environment.friction_v == 8e-3
     assert channel.loads == ()
     assert channel.environment.assumed == ("hum", "noise", "presliding")  # nobody measured them: they are not judged
-    assert channel.unchanged == ("sensor_gain_v_per_mm", "travel_mm")
+    assert channel.unchanged == ("sensor_gain_v_per_mm", "travel_mm", "bits", "range_v")
     text = (tmp_path / "display.toml").read_text()
     assert "# hum_hz = [60.0, 120.0, 180.0]  # lines" in text  # what holds, not what the template had
     assert "# friction_v = 0.008  # default: the model's; Coulomb" in text

@@ -12,13 +12,13 @@ from tactuator.model.controller import Limits
 from tactuator.model.description import Channel, Converter, Display, Environment
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Objectives
-from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.model.verdict import AT_LOWEST, Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.signals.discretise import discretise
 from tactuator.signals.loop import TwoDegreeLoop
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.felt import felt_noise_rms_v
-from tactuator.synthesis.objectives import AT_LOWEST, judge
+from tactuator.synthesis.objectives import judge
 from tests.synthesis import displays
 from tests.synthesis.displays import channel, of, paper_alone, paper_controller, three_finger_controller, three_fingers
 
@@ -144,9 +144,41 @@ def test_judge__open_loop__hum_and_load_are_not_called_met() -> None:
     assert "nothing else holds the position" in only(verdict, "iv", "index", "finger", "change of |H|").remark
 
 
-def test_judge__key_of_the_template__is_noticed() -> None:
-    assert not judged(channel()).notices()
-    assert judged(channel(unchanged=("travel_mm",))).notices() == ["index: travel_mm as in the template (CHANGE THIS)"]
+@pytest.mark.parametrize(
+    ("key", "open_objectives"),
+    [
+        ("name", []),
+        ("sensor_gain_v_per_mm", ["i", "ii", "iii"]),
+        ("travel_mm", ["i"]),
+        ("range_v", ["i"]),
+        ("bits", ["i"]),
+        ("hum_v_peak", ["ii"]),
+        ("noise_v_rms", ["iii"]),
+        ("friction_v", ["i", "ii"]),
+        ("loads", ["i", "ii", "iii", "iv"]),
+        ("plant", ["i", "ii", "iii", "iv"]),
+        ("a_key_to_come", ["i", "ii", "iii", "iv"]),
+    ],
+)
+def test_judge__key_of_the_template__is_noticed_and_leaves_open_what_it_decides(key: str, open_objectives) -> None:
+    controller = three_finger_controller()
+    first, *others = controller.display.channels
+    marked = replace(controller.display, channels=(replace(first, unchanged=(key,)), *others))
+    verdict = judge(controller, marked)
+    assert not judge(controller).notices()
+    assert [number for number, outcome in outcomes(verdict).items() if outcome == "not judged"] == open_objectives
+    (notice,) = verdict.notices()
+    assert notice.startswith(f"{first.name}: {key} as in the template")
+
+
+def test_judge__key_of_the_template__does_not_hide_what_is_missed_without_it() -> None:
+    controller = three_finger_controller()
+    channels = tuple(replace(each, unchanged=("sensor_gain_v_per_mm",)) for each in controller.display.channels)
+    verdict = judge(
+        controller, replace(controller.display, channels=channels, objectives=Objectives(resonance_peak=1.01))
+    )
+    assert outcomes(verdict)["i"] == "not judged"
+    assert outcomes(verdict)["iii"] == "not met"  # max|T| needs no gain of the sensor
 
 
 def test_judge__open_loop__costs_a_resonance_that_is_off() -> None:

@@ -15,7 +15,7 @@ from tactuator.model.controller import ChannelController, Controller, FeedForwar
 from tactuator.model.description import Channel, Converter, Display, Strength, display_document
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Touch
-from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome
+from tactuator.model.verdict import AT_LOWEST, FELT_MINUS_ASKED, Finding, Outcome
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
 from tactuator.plain import plain
@@ -28,7 +28,7 @@ from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.design import Headroom, design_controller
 from tactuator.synthesis.family import plant_family
 from tactuator.synthesis.monte_carlo import monte_carlo
-from tactuator.synthesis.objectives import AT_LOWEST, judge, judge_channel
+from tactuator.synthesis.objectives import judge, judge_channel
 from tactuator.synthesis.strength import JUDGED_DB_SL, fit_strength, shaping_error_db
 from tactuator.synthesis.touch import adapted_response, design_feed_forward, load_weights, push_responses
 from tests.griffin import distance_db, griffin

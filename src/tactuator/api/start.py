@@ -88,7 +88,8 @@ def init(
         if path.exists() and (path == target or path.suffix == ".toml"):
             raise BadInput(f"{path} already exists", f"a new {'name' if path == target else 'folder'}")
     write_files(contents)
-    note = "change the lines that say CHANGE THIS" + (", which the model does not give" if model is not None else "")
+    why = "are typical of the kind" if model is None else "the model does not give"
+    note = f"change the lines that say CHANGE THIS, which {why}"
     return WrittenFiles(tuple(contents), note)
 
 

@@ -15,7 +15,17 @@ from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.model.controller import ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import FELT_MINUS_ASKED, FINDING_COLUMNS, Finding, Verdict, finding_row, verdict_of
+from tactuator.model.verdict import (
+    AT_LOWEST,
+    FELT_HUM,
+    FELT_MINUS_ASKED,
+    FELT_NOISE,
+    FINDING_COLUMNS,
+    Finding,
+    Verdict,
+    finding_row,
+    verdict_of,
+)
 from tactuator.processors import single_threaded
 from tactuator.report.nichols import GAIN_LEVELS_DB, MARKS_HZ, hull
 from tactuator.report.printed import design_rows
@@ -24,7 +34,7 @@ from tactuator.signals.loop_figures import LoopFigures, around_modes_hz, continu
 from tactuator.signals.systems import SampledSystem
 from tactuator.synthesis.design import assemble
 from tactuator.synthesis.family import Member, plant_family
-from tactuator.synthesis.objectives import AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, judge_channel
+from tactuator.synthesis.objectives import RESONANCE, judge_channel
 from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.wordlength.float32_check import buildable
 
@@ -60,10 +70,10 @@ def channel_figures(plants: ChannelPlants, controller: ChannelController) -> dic
     findings = [*judge_channel(controller, plants.channel, plants.display), buildable(alone), *doubtful(alone.display)]
     return {
         "design": [list(row) for row in design_rows([controller])],
-        "verdict": verdict_rows(verdict_of(findings)),
+        "verdict": verdict_rows(verdict_of(findings, channels=(plants.channel,))),
         "tiles": [
             _margin_tile(plants, controller),
-            *_tiles(verdict_of([replace(each, model="") for each in findings])),
+            *_tiles(verdict_of([replace(each, model="") for each in findings], channels=(plants.channel,))),
         ],
     }
 

@@ -55,11 +55,17 @@ def read_display(path: str | Path) -> Display:
 def _with_unchanged(document: Document, text: str) -> Document:
     """Return the document whose channels list their keys that still say CHANGE THIS."""
     channels = document.get("channel")
-    parts = re.split(r"(?m)^[ \t]*\[\[[ \t]*channel[ \t]*\]\]", text)[1:]
+    tables = re.split(r"(?m)^[ \t]*+(?=\[++[ \t]*+[a-z_]++[ \t]*+\])", text)
+    parts = [table for table in tables if re.match(r"\[\[[ \t]*channel[ \t]*\]\]", table)]
     if not isinstance(channels, list) or len(parts) != len(channels) or "CHANGE THIS" not in text:
         return document
-    keys = [re.findall(r"(?m)^[ \t]*(\w++)[ \t]*=.*#[ \t]*CHANGE THIS", part) for part in parts]
-    return {**document, "channel": [{"unchanged": mine, **entry} for entry, mine in zip(channels, keys, strict=True)]}
+    shared = _unchanged("".join(table for table in tables if table not in parts))
+    own = [[*_unchanged(part), *shared] for part in parts]
+    return {**document, "channel": [{"unchanged": keys, **entry} for entry, keys in zip(channels, own, strict=True)]}
+
+
+def _unchanged(text: str) -> list[str]:
+    return re.findall(r"(?m)^[ \t]*(\w++)[ \t]*=.*#[ \t]*CHANGE THIS", text)
 
 
 def parse_display(document: Document, beside: Path = Path()) -> Display:

@@ -35,6 +35,12 @@ _EXAMPLES_OF_KEYS = {
 }  # fmt: skip
 """Values, as TOML writes them, for keys without a default that could be written."""
 
+_TO_CHANGE = {
+    "sensor_gain_v_per_mm", "travel_mm", "plant", "loads", "bits", "range_v", "hum_v_peak", "noise_v_rms", "friction_v",
+    "presliding_v",
+}  # fmt: skip
+"""Keys of a device: what a template has for them is typical of its kind. `check` does not judge by it."""
+
 PROTOCOL_KINDS = ("imece2004", "up-down", "quest-plus", "curve", "recognition", "middle-of-three", "abx")
 
 
@@ -51,7 +57,8 @@ def _commented(text: str) -> str:
         for line in table.rstrip().splitlines():
             given = re.match(r"(\w+) = ", line)
             meaning = "" if given is None or "#" in line else f"  # {keys_of(name)[given[1]].description}"
-            lines.append(line + meaning if len(line + meaning) <= _WIDTH else line)
+            described = line + meaning if len(line + meaning) <= _WIDTH else line
+            lines.append(_marked(described) if given is not None and given[1] in _TO_CHANGE else described)
         left_out = {key: about for key, about in keys_of(name).items() if not re.search(rf"(?m)^{key} = ", table)}
         lines += [_left_out(key, about) for key, about in left_out.items() if key not in _SET_BY_FILES]
         return "\n".join(lines) + "\n"
@@ -59,6 +66,13 @@ def _commented(text: str) -> str:
     head, *parts = re.split(r"(?m)^(?=\[)", text)
     tables = {str(re.match(r"\W*(\w+)", part)[1]): part for part in parts}  # type: ignore[index]
     return head + "\n".join(with_keys(name, tables.get(name, f"# [{name}]\n")) for name in TABLES)
+
+
+def _marked(line: str) -> str:
+    """Return a line of a template with the mark of a value that is typical of the kind, and was not measured."""
+    value, mark, meaning = line.partition("# ")
+    marked = f"{value}# CHANGE THIS: {meaning}"
+    return marked if mark and len(marked) <= _WIDTH else f"{value.rstrip()}  # CHANGE THIS"
 
 
 def _left_out(key: str, about: Any, value: str = "", note: str = "") -> str:
@@ -130,10 +144,6 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
         (r"^plant = \{[^}]*\}.*$", lambda line: plant),
         (r"^band_hz = \[[^]]*\]", lambda line: f"band_hz = [{low:g}, {high:g}]"),
         (r"^sensor_gain_v_per_mm = [\d.e-]+ *#.*", lambda line: in_mm if model.position_unit == "mm" else line[0]),
-        (
-            r"^((?:sensor_gain_v_per_mm|travel_mm) = [\d.e-]+ *)# (?!the m)",
-            lambda line: f"{line[1]}# CHANGE THIS: ",
-        ),
         (r"^rate_hz = [\d.]+", lambda line: line[0] + recorded),
         (r"^loads = ", lambda line: f"# {line[0]}"),
         (r"^(adaptive|hum_hz|hum_v_peak|noise_v_rms) = .*", lambda line: _left_out(line[1], keys[line[1]])),

@@ -335,7 +335,8 @@ class ResponseLevels:
 def response_verdict(responses: Sequence[Response], display: Display) -> Verdict:
     """Return the verdict on objective i of every response: not met where the error passes flatness_db by more than its
     confidence, not judged where the confidence leaves it open, a limit was reached, or a load was on."""
-    return verdict_of([*(_finding(response, display) for response in responses), *doubtful(display)])
+    findings = [*(_finding(response, display) for response in responses), *doubtful(display)]
+    return verdict_of(findings, channels=display.channels)
 
 
 def _finding(response: Response, display: Display) -> Finding:

@@ -21,7 +21,7 @@ from tactuator.model.controller import AntiWindup, ChannelController, Controller
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import Finding, Outcome, Verdict, compared, verdict_of
+from tactuator.model.verdict import FELT_HUM, FELT_NOISE, Finding, Outcome, Verdict, compared, verdict_of
 from tactuator.perception.curve import FELT_BAND_HZ
 from tactuator.plain import brief
 from tactuator.rig.rig import Rig, require_sensors
@@ -40,7 +40,7 @@ from tactuator.signals.spectra import (
 from tactuator.signals.systems import ContinuousSystem
 from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
-from tactuator.synthesis.objectives import FELT_HUM, FELT_NOISE, NO_LOOP, NOISE_REMEDY, hum_remedy
+from tactuator.synthesis.objectives import NO_LOOP, NOISE_REMEDY, hum_remedy
 
 _QUIET_BAND = (0.25, 0.45)
 """Of the rate: where the density of the noise is read, above hum and motion."""
@@ -352,7 +352,7 @@ def noise_verdict(felt: Sequence[FeltNoise], display: Display, open_loops: Seque
             levels, at = [noise.resonance_db_sl] * 2, noise.resonance_hz
         findings.append(_compared("iii", *judged, FELT_NOISE, most, at, NOISE_REMEDY, levels))
     assumed = () if len(open_loops) == len(felt) else (_OF_THE_SENSOR,)
-    return verdict_of([*findings, *doubtful(display)], assumed)
+    return verdict_of([*findings, *doubtful(display)], assumed, display.channels)
 
 
 _TELLS = "measure with a vibrometer, or for hum set hum_v_peak from the sensor with the amplifier off"

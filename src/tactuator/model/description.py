@@ -379,7 +379,7 @@ class Channel:
     unchanged: Annotated[
         tuple[str, ...],
         Wording(default="the keys whose line says CHANGE THIS"),
-        Field(description="keys that still have the template's value; reported"),
+        Field(description="keys that still have the template's value; what they decide is not judged"),
     ] = ()
 
     __repr__ = brief

@@ -7,10 +7,11 @@ An objective is met only if something was judged and nothing that counts stayed 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+from tactuator.model.description import Channel
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.plain import brief
 from tactuator.result import Chart, ChartLine, Fact, Result, ResultTable, data, found
@@ -30,8 +31,16 @@ FELT_MINUS_ASKED = "felt minus asked"
 """What objective i is judged by: the level that is felt, less the level that was asked for."""
 MODE_OFF = f"{FELT_MINUS_ASKED}, a mode 2 % off"
 """What is felt without a loop where the resonance has moved by as much as it does with temperature and mounting."""
-AS_IN_TEMPLATE = "as in the template (CHANGE THIS)"
-"""What is said of a key that still has the template's value."""
+AT_LOWEST = f"{FELT_MINUS_ASKED}, lowest level"
+HEADROOM, FELT_HUM, FELT_NOISE, FELT_STEPS = "missing headroom", "felt hum", "felt noise", "felt steps of the D/A"
+_DECIDED: Mapping[str, tuple[str, ...]] = {
+    "name": (), "finger": (), "travel_mm": (HEADROOM,), "range_v": (HEADROOM,), "bits": (AT_LOWEST, FELT_STEPS),
+    "hum_hz": (FELT_HUM,), "hum_v_peak": (FELT_HUM,), "noise_v_rms": (FELT_NOISE,),
+    "friction_v": (AT_LOWEST, FELT_HUM), "presliding_v": (AT_LOWEST,),
+}  # fmt: skip
+"""Quantities that a key of the display file decides, beside the gain of the sensor and the loads."""
+AS_IN_TEMPLATE = "as in the template (CHANGE THIS): what this decides is not judged"
+"""What is said of keys that still have the template's value."""
 OF_THE_LOOP = ("i", "ii", "iii", "iv")
 """Objectives that a closed loop has to be stable for."""
 
@@ -273,11 +282,37 @@ class Verdict(Result):
         }
 
 
-def verdict_of(findings: Sequence[Finding], assumptions: Sequence[str] = ()) -> Verdict:
-    """Return the verdict of findings on any of the objectives, in the order of `OBJECTIVES`."""
+def verdict_of(
+    findings: Sequence[Finding], assumptions: Sequence[str] = (), channels: Sequence[Channel] = ()
+) -> Verdict:
+    """Return the verdict of findings on any of the objectives, in the order of `OBJECTIVES`.
+
+    channels: of the display; what a value of its template decides is not judged.
+    """
+    unchanged = {channel.name: channel.unchanged for channel in channels}
+    findings = [_without_template(each, unchanged.get(each.channel, ())) for each in findings]
     sorted_out = {number: tuple(each for each in findings if each.objective == number) for number in OBJECTIVES}
     objectives = (Objective(number, OBJECTIVES[number], of) for number, of in sorted_out.items() if of)
     return Verdict(tuple(objectives), tuple(dict.fromkeys(assumptions)))
+
+
+def _without_template(finding: Finding, unchanged: Sequence[str]) -> Finding:
+    """Return a finding, not judged if it rests on keys that still have the template's value."""
+    keys = [key for key in unchanged if _decides(key, finding)]
+    if not keys or finding.outcome is Outcome.NOT_JUDGED:
+        return finding
+    return replace(finding, outcome=Outcome.NOT_JUDGED, remark=rests_on(f"the template's {' and '.join(keys)}"))
+
+
+def _decides(key: str, finding: Finding) -> bool:
+    """Return whether a key of the display file decides a finding; a key that is not listed here decides all."""
+    if finding.objective not in OF_THE_LOOP or finding.value is None:
+        return False
+    if key == "loads":
+        return not finding.load.startswith("none")
+    if key.startswith("sensor_gain"):
+        return finding.objective == "i" or finding.unit == "dB SL"
+    return finding.quantity.startswith(_DECIDED.get(key, ""))
 
 
 FINDING_COLUMNS = ("objective", "channel", "outcome", "found", "allowed", "frequency", "load")

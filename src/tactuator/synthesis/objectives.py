@@ -26,7 +26,12 @@ from tactuator.model.description import Channel, Display
 from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import (
     AS_IN_TEMPLATE,
+    AT_LOWEST,
+    FELT_HUM,
     FELT_MINUS_ASKED,
+    FELT_NOISE,
+    FELT_STEPS,
+    HEADROOM,
     MODE_OFF,
     OF_THE_LOOP,
     Finding,
@@ -52,8 +57,7 @@ from tactuator.wordlength.float32_check import buildable
 
 _POINTS = 600
 _ROUNDS, _TOLD_DB = 16, 0.005
-AT_LOWEST = f"{FELT_MINUS_ASKED}, lowest level"
-FELT_HUM, FELT_NOISE, RESONANCE = "felt hum", "felt noise", "max|T|"
+RESONANCE = "max|T|"
 _FLATNESS_REMEDY, _RESHAPING = "more poles in [prefilter], or a wider flatness_db", "reshaping"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"
 _WIDENS = {
@@ -77,9 +81,8 @@ def whole_verdict(controller: Controller, display: Display | None = None, drawn:
     shown = controller if display is None else replace(controller, display=display)
     findings = [finding for objective in judged.objectives for finding in objective.findings]
     findings += judge_drawn(drawn, shown.display)
-    return verdict_of(
-        [*findings, buildable(shown), *doubtful(shown.display)], (*judged.assumptions, *drawn_assumptions(drawn))
-    )
+    findings += [buildable(shown), *doubtful(shown.display)]
+    return verdict_of(findings, (*judged.assumptions, *drawn_assumptions(drawn)), shown.display.channels)
 
 
 def judge(controller: Controller, display: Display | None = None) -> Verdict:
@@ -94,7 +97,7 @@ def judge(controller: Controller, display: Display | None = None) -> Verdict:
     findings: list[Finding] = []
     for channel in shown.channels:
         findings += judge_channel(controller.channel(channel.name), channel, shown)
-    return verdict_of(findings, assumptions(shown))
+    return verdict_of(findings, assumptions(shown), shown.channels)
 
 
 def assumptions(display: Display) -> tuple[str, ...]:
@@ -112,7 +115,7 @@ def assumptions(display: Display) -> tuple[str, ...]:
         sentences += [
             f"{what}: {figures[what]}, for want of a figure in the display file" for what in environment.assumed
         ]
-        sentences += [f"{channel.name}: {key} {AS_IN_TEMPLATE}" for key in channel.unchanged]
+        sentences += [f"{channel.name}: {', '.join(channel.unchanged)} {AS_IN_TEMPLATE}"] if channel.unchanged else []
     return tuple(sentences)
 
 
@@ -274,7 +277,7 @@ class _Judge:
             worst = int(np.argmin(room.level_db_sl))
             at, level, stops = float(grid[worst]), float(room.level_db_sl[worst]), room.binding[worst]
             remedy = f"{stops} stops at {level:.1f} dB SL: {_WIDENS[stops]}, or a band_hz without {at:.4g} Hz"
-            yield self.compared(("i", "missing headroom"), (-level, 0.0, "dB"), at, remedy)
+            yield self.compared(("i", HEADROOM), (-level, 0.0, "dB"), at, remedy)
 
     def _fed(self, frequency_hz: FloatArray) -> ComplexArray | None:
         """Return H where a finger is fed forward, (n,), or None."""
@@ -330,7 +333,7 @@ class _Judge:
             worst = int(np.argmax(level))
             at = float(centres[worst])
             assumed = ["noise"] if feedback is not None and "noise" in self.channel.environment.assumed else []
-            quantity = "felt steps of the D/A" if feedback is None else FELT_NOISE
+            quantity = FELT_STEPS if feedback is None else FELT_NOISE
             figure = float(level[worst]), allowed.noise_max_db_sl, "dB SL"
             yield self.compared(("iii", quantity), figure, at, NOISE_REMEDY, *assumed, *_guessed(self.channel, at))
         else:
