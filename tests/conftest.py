@@ -35,6 +35,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 @pytest.fixture(scope="session", autouse=True)
 def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Each channel is designed, and each record identified, once for all tests that ask for the same."""
+    import tactuator.api.controller as controllers
     import tactuator.identification.identify as identification
     from tactuator.synthesis import design, strength
 
@@ -42,7 +43,12 @@ def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
     kept.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((design, "design_channel"), (identification, "identify"), (strength, "_shaping")):
+        for module, name in (
+            (design, "design_channel"),
+            (identification, "identify"),
+            (strength, "_shaping"),
+            (controllers, "controller_bits"),
+        ):
             patch.setattr(module, name, made_once(kept, getattr(module, name)))
         yield
 

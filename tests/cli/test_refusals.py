@@ -98,15 +98,14 @@ def at_a_terminal(arguments, out, key):
     return os.waitstatus_to_exitcode(status), said.decode(errors="replace")
 
 
-@pytest.mark.parametrize(("rig", "key"), [("simulated", b"q"), ("in-process", b"\x03")])
-def test_play__stopped_at_the_terminal__ramps_down_and_says_how_far_it_came(tmp_path, rig, key):
+def test_play__stopped_by_ctrl_c__ramps_down_and_says_how_far_it_came(tmp_path):
     made = designed()
     names = tuple(channel.name for channel in made.display.channels)
     write_controller(tmp_path / "c.json", made)
     with write_reference(tmp_path / "r.h5", ReferenceHead(made.rate_hz, names)) as writer:
         writer.write(np.full((80000, 3), 10.0))
-    arguments = ["play", str(tmp_path / "r.h5"), "--controller", str(tmp_path / "c.json"), "--rig", rig]
-    status, said = at_a_terminal([*arguments, "--realtime", "--json"], tmp_path / "out.json", key)
+    arguments = ["play", str(tmp_path / "r.h5"), "--controller", str(tmp_path / "c.json"), "--rig", "in-process"]
+    status, said = at_a_terminal([*arguments, "--realtime", "--json"], tmp_path / "out.json", b"\x03")
     assert status == 130, said
     played = json.loads((tmp_path / "out.json").read_text())
     assert played["stopped"]
@@ -114,13 +113,12 @@ def test_play__stopped_at_the_terminal__ramps_down_and_says_how_far_it_came(tmp_
     assert "interrupted" in said.splitlines()[-1]
 
 
-@pytest.mark.parametrize(("rig", "key"), [("simulated", b"q"), ("in-process", b"\x03")])
-def test_listen__stopped_at_the_terminal__fades_and_says_how_far_it_came(tmp_path, rig, key):
+def test_listen__stopped_by_q__fades_and_says_how_far_it_came(tmp_path):
     write_controller(tmp_path / "c.json", designed())
     noise = 0.1 * np.random.default_rng(0).standard_normal(16000 * 60)
     soundfile.write(tmp_path / "long.wav", noise, 16000)
     arguments = ["listen", "--input", str(tmp_path / "long.wav"), "--controller", str(tmp_path / "c.json")]
-    status, said = at_a_terminal([*arguments, "--rig", rig, "--json"], tmp_path / "out.json", key)
+    status, said = at_a_terminal([*arguments, "--rig", "simulated", "--json"], tmp_path / "out.json", b"q")
     assert status == 130, said
     listened = json.loads((tmp_path / "out.json").read_text())
     assert listened["stopped"]
