@@ -19,12 +19,16 @@ from tactuator.api.parameters import (
     Place,
     RigOption,
     Seed,
-    opened_apparatus,
+    chosen_controller,
+    opened,
+    paper_controller,
+    paper_display,
 )
 from tactuator.api.progress import say, working
 from tactuator.entry_points import plugins
 from tactuator.errors import BadInput, unknown, within
 from tactuator.experiment.export import export as exported
+from tactuator.experiment.presenter import Outlet
 from tactuator.experiment.procedure.procedure import GROUP, Playable
 from tactuator.experiment.protocol.codes import doubts
 from tactuator.experiment.protocol.file import read_protocol
@@ -43,6 +47,8 @@ from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.store.voids import Part, set_void
 from tactuator.experiment.words import shipped_words
 from tactuator.io.csv_tables import read_relative_curve, write_curve
+from tactuator.model.controller import Controller
+from tactuator.model.description import Display
 from tactuator.parameters import from_table
 from tactuator.perception.curve import RelativeCurve
 from tactuator.plain import finite
@@ -57,7 +63,8 @@ from tactuator.result import (
     found,
     rows_of,
 )
-from tactuator.rig.rig import require_finger_ports, usual_load
+from tactuator.rig.rig import Rig, require_finger_ports, usual_load
+from tactuator.rig.simulated import PacedRig
 
 ProtocolFile = Annotated[Place, Argument("Protocol file (TOML).", metavar="PROTOCOL", file=True)]
 StoreFile = Annotated[Place, Option("Store of the experiment: a file (SQLite), or postgresql+pg8000://...", type=str)]
@@ -67,6 +74,35 @@ ParticipantId = Annotated[str | None, Option("The subject's name elsewhere.")]
 OperatorName = Annotated[str | None, Option("Your name, for the log; default: your login name.")]
 Voided = Annotated[bool, Option("Include what is void.")]
 SkinTemperatureC = Annotated[float | None, Option("Skin temperature of the day, °C.")]
+
+
+@contextmanager
+def opened_apparatus(
+    rig: Rig | str,
+    display: Display | Place | None,
+    controller: Controller | Place | None,
+    seed: int,
+    speed: float | None,
+    lsl: bool = False,
+) -> Iterator[Apparatus]:
+    """Yield the rig with a controller loaded, open for the length of the context and left at rest.
+
+    Without a display or controller: the paper's display and C. speed: of presentation on a rig that could go faster,
+    None: as fast as it can. lsl: with an outlet. Raises BadInput for a speed that is none, and as `chosen_controller`,
+    `open_rig` and `Outlet` do.
+    """
+    if speed is not None and not speed > 0.0:
+        raise BadInput(f"speed {speed:g}", "a positive number, 1 being real time")
+    paper = display is None and controller is None
+    loaded = paper_controller(paper_display()) if paper else chosen_controller(display, controller)
+    with opened(rig, loaded.display, seed) as ready:
+        ready.load(loaded)
+        played, name = ready if speed is None else PacedRig(ready, speed), rig if isinstance(rig, str) else "simulated"
+        if not lsl:
+            yield Apparatus(played, loaded, name)
+            return
+        with closing(Outlet(played, name, loaded.display.name)) as outlet:
+            yield Apparatus(played, loaded, name, outlet)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,7 +1,7 @@
 """Parameters that several functions share: a display, a controller, a rig, a load that a person puts on."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from tactuator.api.option import Option
 from tactuator.api.progress import say, working
 from tactuator.errors import BadInput, within
-from tactuator.experiment.presenter import Outlet
-from tactuator.experiment.session.task import Apparatus
 from tactuator.io.controller import read_controller
 from tactuator.io.csv_tables import resolve_curve
 from tactuator.io.display import read_display, with_curve
@@ -25,7 +23,6 @@ from tactuator.model.description import Channel, Display
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.rig.open import open_rig
 from tactuator.rig.rig import Rig, touch_all
-from tactuator.rig.simulated import PacedRig
 from tactuator.synthesis.design import design_controller
 from tactuator.synthesis.paper import PREFILTER_POLES
 
@@ -113,35 +110,6 @@ def opened(rig: Rig | str, display: Display, seed: int = 0) -> Iterator[Rig]:
             yield ready
     else:
         yield rig
-
-
-@contextmanager
-def opened_apparatus(
-    rig: Rig | str,
-    display: Display | Place | None,
-    controller: Controller | Place | None,
-    seed: int,
-    speed: float | None,
-    lsl: bool = False,
-) -> Iterator[Apparatus]:
-    """Yield the rig with a controller loaded, open for the length of the context and left at rest.
-
-    Without a display or controller: the paper's display and C. speed: of presentation on a rig that could go faster,
-    None: as fast as it can. lsl: with an outlet. Raises BadInput for a speed that is none, and as `chosen_controller`,
-    `open_rig` and `Outlet` do.
-    """
-    if speed is not None and not speed > 0.0:
-        raise BadInput(f"speed {speed:g}", "a positive number, 1 being real time")
-    paper = display is None and controller is None
-    loaded = paper_controller(paper_display()) if paper else chosen_controller(display, controller)
-    with opened(rig, loaded.display, seed) as ready:
-        ready.load(loaded)
-        played, name = ready if speed is None else PacedRig(ready, speed), rig if isinstance(rig, str) else "simulated"
-        if not lsl:
-            yield Apparatus(played, loaded, name)
-            return
-        with closing(Outlet(played, name, loaded.display.name)) as outlet:
-            yield Apparatus(played, loaded, name, outlet)
 
 
 def require_stable(controller: Controller, load: str = "none") -> None:

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tactuator.api.experiment import StoreFile, Voided
+from tactuator.api.experiment import StoreFile, Voided, opened_apparatus
 from tactuator.api.option import Argument, Option
-from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed, opened_apparatus
+from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed
 from tactuator.api.progress import working
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import read_protocol

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, within
 from tactuator.signals.record import Record
 
@@ -44,33 +44,33 @@ class LostBlock:
     lost: int
 
 
-def pieces_delays(command: FloatArray, position: FloatArray) -> tuple[int, FloatArray, FloatArray]:
-    """Return the samples of half a piece, and of each piece against that before it (two halves earlier) how much later
-    its response comes, samples, and how alike the two are, (k,).
+def pieces_delays(command: FloatArray, *positions: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+    """Return the samples of half a piece, and by each position (n,), of each piece against that before it (two halves
+    earlier), how much later its response comes, samples, and how alike the two are, (positions, k).
     """
     length = min(command.size // _PIECES, _LONGEST)
-    half = length // 2
+    half, count = length // 2, len(positions)
     if length < _SHORTEST:
-        return half, np.zeros(0), np.zeros(0)
+        return half, np.zeros((count, 0)), np.zeros((count, 0))
     size, window = scipy.fft.next_fast_len(2 * length, real=True), np.hanning(length)
-    before: list[tuple[np.ndarray, float]] = []
+    before: list[tuple[ComplexArray, FloatArray]] = []
     later, alike = [], []
     for begin in range(0, command.size - length + 1, half):
-        rows = [values[begin : begin + length] for values in (command, position)]
-        into, out = np.fft.rfft([window * (row - row.mean()) for row in rows], size)
-        power = np.abs(into) ** 2
-        response = np.conj(into) * out / np.maximum(power + 0.1 * float(np.mean(power)), 1e-300)
-        energy = float(np.sum(np.abs(response) ** 2))
+        rows = [values[begin : begin + length] for values in (command, *positions)]
+        lines = np.fft.rfft([window * (row - row.mean()) for row in rows], size)
+        power = np.abs(lines[0]) ** 2
+        response = np.conj(lines[0]) * lines[1:] / np.maximum(power + 0.1 * float(np.mean(power)), 1e-300)
+        energy = np.sum(np.abs(response) ** 2, axis=1)
         if len(before) > 1:
             other, energy_before = before[-2]
             shared = np.fft.irfft(response * np.conj(other), size)
-            near = np.concatenate([shared[-half:], shared[: half + 1]])
-            at = int(np.clip(np.argmax(near), 1, near.size - 2))
-            low, top, high = near[at - 1 : at + 2].tolist()
-            later.append(at - half + 0.5 * (low - high) / min(low - 2.0 * top + high, -1e-300))
-            alike.append(top * 0.5 * size / max(float(np.sqrt(energy * energy_before)), 1e-300))
+            near = np.concatenate([shared[:, -half:], shared[:, : half + 1]], axis=1)
+            at = np.clip(np.argmax(near, axis=1), 1, near.shape[1] - 2)
+            low, top, high = (near[range(count), at + step] for step in (-1, 0, 1))
+            later.append(at - half + 0.5 * (low - high) / np.minimum(low - 2.0 * top + high, -1e-300))
+            alike.append(top * 0.5 * size / np.maximum(np.sqrt(energy * energy_before), 1e-300))
         before.append((response, energy))
-    return half, np.array(later), np.array(alike)
+    return half, np.array(later).T, np.array(alike).T
 
 
 def clocks_apart_ppm(half: int, later: FloatArray, alike: FloatArray) -> float:
@@ -169,8 +169,11 @@ def _clearest(command: FloatArray, position: FloatArray) -> tuple[FloatArray, tu
     """Return the position or the speed, (n,), whichever has the delays that scatter less, with `pieces_delays` of it:
     slow motion of friction or drift hides a delay in the position, and noise of the sensor in the speed.
     """
-    either = [(each, pieces_delays(command, each)) for each in (position, np.diff(position, prepend=position[:1]))]
-    return min(either, key=lambda each: _scatter(*each[1][1:]))
+    either = (position, np.diff(position, prepend=position[:1]))
+    half, *delays = pieces_delays(command, *either)
+    scattered = [(_scatter(*of), each, of) for each, *of in zip(either, *delays, strict=True)]
+    _, clearest, (later, alike) = min(scattered, key=lambda each: each[0])
+    return clearest, (half, later, alike)
 
 
 def _scatter(later: FloatArray, alike: FloatArray) -> float:

@@ -32,7 +32,7 @@ from tactuator.identification.judge import identification
 from tactuator.identification.result import Identification
 from tactuator.identification.uncertainty import fit_of_model, log_slopes
 from tactuator.model.plant import DERIVATIVES
-from tactuator.signals.discretise import held_matrices
+from tactuator.signals.discretise import first_order, held_matrices
 from tactuator.signals.systems import ContinuousSystem
 
 _PASSES = 3
@@ -172,8 +172,9 @@ def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
     column.
     """
     corner = 3.0 * rate_hz / columns.shape[0]
-    b, a = scipy.signal.butter(1, min(2.0 * corner / rate_hz, 0.5), "highpass")
-    return np.asarray(scipy.signal.lfilter(b, a, columns, axis=0))
+    bent = np.tan(np.pi * min(corner / rate_hz, 0.25))  # by the bilinear transformation
+    changes = np.diff(columns, axis=0, prepend=0.0) / (1.0 + bent)
+    return np.stack([first_order((1.0 - bent) / (1.0 + bent), change) for change in changes.T], axis=1)
 
 
 def recursive_least_squares(
@@ -191,21 +192,19 @@ def recursive_least_squares(
     """
     if not 0.0 < forgetting <= 1.0:
         raise BadInput(f"{forgetting:g}", "above 0, at most 1", key="forgetting")
-    information, moment = np.eye(regressors.shape[1]) / start_variance, np.zeros(regressors.shape[1])
-    path = list[FloatArray]()
+    size = regressors.shape[1]
+    products = np.column_stack([np.eye(size) / start_variance, np.zeros(size)])
+    along, fading = list[FloatArray](), forgetting ** np.arange(every)[::-1]
+    both = np.column_stack([regressors, output])
     for start in range(0, output.size, every):
-        rows, values = regressors[start : start + every], output[start : start + every]
-        weighted = rows.T * forgetting ** np.arange(values.size)[::-1]
-        information = forgetting**values.size * information + weighted @ rows
-        moment = forgetting**values.size * moment + weighted @ values
-        path.append(np.asarray(np.linalg.solve(information, moment)))
-    theta = path[-1]
-    return (
-        theta,
-        np.asarray(np.linalg.inv(information)),
-        float(np.mean((output - regressors @ theta) ** 2)),
-        np.array(path),
-    )
+        rows = both[start : start + every]
+        weighted = rows[:, :size].T * fading[every - len(rows) :]
+        products = forgetting ** len(rows) * products + weighted @ rows
+        along.append(products)
+    every_products = np.array(along)
+    path = np.linalg.solve(every_products[:, :, :size], every_products[:, :, size:])[:, :, 0]
+    rest = output - regressors @ path[-1]
+    return path[-1], np.asarray(np.linalg.inv(products[:, :size])), float(np.mean(rest**2)), np.asarray(path)
 
 
 def companion_states(
@@ -229,5 +228,5 @@ def companion_states(
     pushed = turn.conj().T @ (driven.reshape(n, -1) @ inputs)
     states = np.zeros((n, driver.size), dtype=np.complex128)
     for k in reversed(range(n)):
-        states[k] = scipy.signal.lfilter([0.0, 1.0], [1.0, -triangle[k, k]], pushed[k] + triangle[k] @ states)
+        states[k, 1:] = first_order(triangle[k, k], pushed[k] + triangle[k] @ states)[:-1]
     return np.asarray((turn @ states).real.T)

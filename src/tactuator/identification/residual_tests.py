@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
+from tactuator.signals.discretise import first_order
 
 _LAGS, _BURST = 40, 50
 """Lags of the test of whiteness, and samples about the greatest innovation that may belong to it."""
@@ -126,7 +127,7 @@ def time_scales(command: FloatArray, rate_hz: float) -> FloatArray:
     corners = np.geomspace(2.0 * rate_hz / command.size, 0.2 * rate_hz, 14)
     late = np.concatenate([[0.0], command[:-1] - command.mean()])
     decays = np.exp(-2.0 * np.pi * corners / rate_hz)
-    return np.array([scipy.signal.lfilter([1.0 - decay], [1.0, -decay], late) for decay in decays])
+    return np.array([first_order(decay, (1.0 - decay) * late) for decay in decays])
 
 
 def _explained(gram: FloatArray, goal: FloatArray) -> tuple[float, int]:

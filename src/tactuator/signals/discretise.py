@@ -16,10 +16,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
@@ -72,6 +73,17 @@ def late_input(a: FloatArray, b: FloatArray, step: float, fraction: float) -> Fl
         return np.zeros_like(b)
     after, _ = held_matrices(a, b, (1.0 - fraction) * step)
     return np.asarray(after @ held_matrices(a, b, fraction * step)[1])
+
+
+def first_order(decay: complex, values: NDArray[Any]) -> NDArray[Any]:
+    """Return y(k) = decay y(k-1) + x(k) of values x (n,), from rest: a triangular banded system, solved downwards.
+
+    As `scipy.signal.lfilter`, whose package takes a second to import.
+    """
+    band = np.empty((2, values.size), dtype=values.dtype, order="F")
+    band[0], band[1] = 1.0, -decay
+    solve = scipy.linalg.blas.ztbsv if np.iscomplexobj(values) else scipy.linalg.blas.dtbsv
+    return np.asarray(solve(1, band, values, lower=1, diag=1))
 
 
 def held_state_space(system: ContinuousSystem, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, float, int]:

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
-from tactuator.api.experiment import ProtocolFile, StoreFile
+from tactuator.api.experiment import ProtocolFile, StoreFile, opened_apparatus
 from tactuator.api.option import Option
 from tactuator.api.parameters import (
     AllowedHosts,
@@ -20,7 +20,6 @@ from tactuator.api.parameters import (
     Seed,
     TlsCertificate,
     TlsKey,
-    opened_apparatus,
 )
 from tactuator.errors import BadInput, within
 from tactuator.experiment.protocol.file import read_protocol
