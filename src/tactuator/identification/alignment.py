@@ -26,8 +26,6 @@ _SEEN, _BEST = 0.25, 0.5
 """The same from which on a loss between them is looked for, and which the best of neighbouring ones must have."""
 _DEVIATIONS, _LEAST_PPM = 6.0, 1.0
 """Deviations of a delay from which on it is none by chance; least difference of clocks that is reported, ppm."""
-_JUMP = 0.6
-"""Least change of the delay, samples, that is taken for a lost one."""
 _FEW, _CLEARLY, _HARDLY = 8, 0.5, 0.9
 """Samples below which a loss hardly changes the response; and what its own delay leaves over what the other leaves,
 below which a longer one is seen, and one of few samples.
@@ -152,7 +150,8 @@ def losses(command: FloatArray, position: FloatArray) -> tuple[LostBlock, ...]:
     spread = _scatter(later, alike)
     if not np.isfinite(spread) or clocks_apart_ppm(half, later, alike):
         return ()
-    least = max(_JUMP, _DEVIATIONS * spread)
+    # least change of the delay, samples, that is taken for a lost one
+    least = max(0.6, _DEVIATIONS * spread)
     jumps = (np.abs(later) > least) & (alike > _SEEN)
     blocks: list[LostBlock] = []
     for run in _runs(jumps):

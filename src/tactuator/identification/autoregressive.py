@@ -18,10 +18,6 @@ from tactuator.identification.lines import LocalResponse, Spectrum
 
 _MOST = 300
 """Highest order, samples."""
-_SAMPLES_PER_ORDER = 20
-"""Samples of the record for each unit of the highest order."""
-_NUGGET = 1e-12
-"""Share of white noise that keeps the products positive definite (-120 dB)."""
 
 
 def autoregressive_response(taken: Sequence[Spectrum], like: LocalResponse) -> LocalResponse | None:
@@ -29,7 +25,8 @@ def autoregressive_response(taken: Sequence[Spectrum], like: LocalResponse) -> L
     information criterion (Akaike, 1974); None where the records are too short.
     """
     samples = sum(part.samples for part in taken)
-    most = min(_MOST, *(part.samples // _SAMPLES_PER_ORDER for part in taken))
+    # samples of the record for each unit of the highest order
+    most = min(_MOST, *(part.samples // 20 for part in taken))
     if most < 2:
         return None
     triangle = _triangle(taken, most)
@@ -64,7 +61,8 @@ def _triangle(taken: Sequence[Spectrum], order: int) -> FloatArray:
         )
         for i, j in np.ndindex(2, 2):
             shared[i, j] += np.fft.irfft(np.conj(lines[i]) * lines[j])[np.arange(-order, order + 1)]
-    shared[[0, 1], [0, 1], order] *= 1.0 + _NUGGET
+    # share of white noise that keeps the products positive definite (-120 dB)
+    shared[[0, 1], [0, 1], order] *= 1.0 + 1e-12
     # products of y(t - 1), u(t - 1), y(t - 2), ..., and of each with y(t)
     between = shared[:, :, order + lags[1:, None] - lags[None, 1:]].transpose(2, 0, 3, 1).reshape(2 * order, -1)
     ahead = shared[:, 0, order + lags[1:]].T.reshape(-1)

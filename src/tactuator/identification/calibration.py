@@ -15,8 +15,6 @@ from tactuator.result import Chart, ChartLine, Fact, Result, data, found
 
 _LARGEST, _SMALLEST = 1e9, 1e-12
 """Largest number (mm, V) and smallest range: far beyond any sensor, and their squares are still numbers."""
-_DECIMALS = 7
-"""Voltages are taken for rounded that have fewer decimals, all of them."""
 _OUTLIER_PROBABILITY = 0.002
 """Chance, over all pairs together, of refusing one when none is wrong."""
 
@@ -119,7 +117,8 @@ def fit_line(
 
 def _rounding(values: NDArray[np.float64]) -> float:
     """Return the rms of the rounding of values that all have the same few decimals, or 0.0."""
-    for step in 10.0 ** -np.arange(_DECIMALS):
+    # voltages are taken for rounded that have fewer decimals, all of them
+    for step in 10.0 ** -np.arange(7):
         if np.all(np.abs(values / step - np.round(values / step)) < 1e-6):
             return float(step / np.sqrt(12.0))
     return 0.0

@@ -24,8 +24,6 @@ FEWEST = 100
 """Samples below which nothing is identified."""
 _LEVELS, _FEW_LEVELS = 10_000, 50
 """Parts of its span in which a signal's levels are counted, and the count below which it is meant to have few."""
-_OFTEN = 0.005
-"""Share of samples exactly at an extreme from which on it is a limit, though none lasts."""
 
 
 def check_record(record: Record, where: str = "") -> tuple[QualityCheck, ...]:
@@ -59,20 +57,18 @@ def clipped_share(values: FloatArray) -> float:
         long = int(runs[runs >= 3].sum())
         if long >= 6 and long > near.sum():
             total += long
-        elif at.sum() > max(6, _OFTEN * values.size, 3.0 * near.sum()):
+        # share of samples exactly at an extreme from which on it is a limit, though none lasts
+        elif at.sum() > max(6, 0.005 * values.size, 3.0 * near.sum()):
             # a quick signal comes back from its limit after a sample or two
             total += int(at.sum())
     return total / values.size
 
 
-_FEWEST_BANDS = 6
-"""Coherent bands below which a slope and a lag are not judged."""
-
-
 def check_direction(response: EmpiricalResponse) -> tuple[Doubt, ...]:
     """Check whether the position follows the command: a mechanism falls with frequency, and lags."""
     trusted = response.trusted(0.5)
-    if trusted.frequency_hz.size < _FEWEST_BANDS:
+    # coherent bands below which a slope and a lag are not judged
+    if trusted.frequency_hz.size < 6:
         return ()
     log_f = np.log(trusted.frequency_hz)
     upper = log_f >= np.median(log_f)
@@ -191,12 +187,6 @@ def _levelled(values: FloatArray) -> FloatArray:
     return np.asarray(centred - time * float(time @ centred) / float(time @ time))
 
 
-_BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
-"""Parts of the window's cosines: its side lobes are 92 dB down (Harris, On the use of windows, 1978)."""
-_FLOOR = 1e-8
-"""Power of a line, over the strongest, below which it does not count: 80 dB."""
-
-
 @dataclass(frozen=True)
 class ExcitationReport:
     """A command's excitation. order: lines of the command's two-sided spectrum, and so the number of parameters it can
@@ -219,13 +209,15 @@ def excitation_report(command: FloatArray, rate_hz: float, needed: int) -> Excit
     """Return how many independent parameters `command` (n,) can determine."""
     centred = command - command.mean()
     turn = np.linspace(-np.pi, np.pi, command.size)
-    window = sum(part * np.cos(k * turn) for k, part in enumerate(_BLACKMAN_HARRIS))
+    # parts of the window's cosines: its side lobes are 92 dB down (Harris, On the use of windows, 1978)
+    window = sum(part * np.cos(k * turn) for k, part in enumerate((0.35875, 0.48829, 0.14128, 0.01168)))
     power = np.abs(np.fft.rfft(window * centred)) ** 2
     power[:4] = 0.0
     strongest = float(power.max(initial=0.0))
     if not strongest > 1e-24 * command.size**2 * max(float(np.max(np.abs(command))), 1e-300) ** 2:
         return ExcitationReport(0, needed, 0.0, 0.0)
-    above = np.concatenate([[False], power > _FLOOR * strongest, [False]]).astype(np.int8)
+    # power of a line, over the strongest, below which it does not count: 80 dB
+    above = np.concatenate([[False], power > 1e-8 * strongest, [False]]).astype(np.int8)
     edges = np.flatnonzero(np.diff(above))
     lengths = edges[1::2] - edges[::2]
     # the window spreads one line over about eight bins
@@ -245,8 +237,6 @@ def require_excitation(report: ExcitationReport) -> None:
         )
 
 
-_MOVED = 1e-5
-"""Power of the command, over its greatest, from which on it moves the mechanism (50 dB)."""
 _SHARE, _FEWEST, _POINTS = 0.02, 12, 200
 """Width of the mean power over the frequency, lines in it at least, and frequencies at which it is looked at."""
 
@@ -282,7 +272,8 @@ def moved_range(spectra: Sequence[Spectrum]) -> tuple[float, float]:
     count = longest.samples // 2
     frequency = np.geomspace(longest.spacing_hz, HIGHEST * longest.rate_hz, max(_POINTS, min(count, 2000)))
     power = np.max([_windowed(taken, frequency) for taken in spectra], axis=0)
-    moved = frequency[power > _MOVED * float(np.max(power))]
+    # power of the command, over its greatest, from which on it moves the mechanism (50 dB)
+    moved = frequency[power > 1e-5 * float(np.max(power))]
     return (float(moved[0]), float(moved[-1]))
 
 

@@ -34,25 +34,15 @@ HIGHEST_OF = {"zero-order": 0.4999, "first-order": 0.4999, "band-limited": HIGHE
 """Highest line used over the rate: the flank of an anti-alias filter says nothing."""
 _LATE = 100
 """Dead time, samples, from which on its turning of the phase spoils a local response that does not know of it."""
-_STANDS_OUT = 4.0
-"""Tenth of an impulse response's peak over its median, from which on its beginning can be seen."""
 _SILENT = 1e-6
 """Power of the command's lines, over their median, below which the response is not looked at."""
 _NOTHING = 1e-10
 """The same over the strongest line: there is rounding and leakage alone."""
-_BLIND = 1e6
-"""How much less sure a response may be than its command's power allows, over the surest: between sines, where the
-command's lines are as smooth as a transient, it is 1e10 and more, at the slow end of a chirp 4e4, in noise 4."""
 
 
 _AS_GOOD, _DEPARTS = 0.02, 1.3
 """Relative error up to which an autoregressive response is as good as any to begin from; its mean squared departure
 from the records' own, in their errors, from which on a loop may be why: 1.13 at most in 16 records outside a loop."""
-
-
-_FEWEST_IN_LOOP = 12
-"""Lines over which the noise's power is averaged in a loop, at least. A loop turns what the weights flatten into bias:
-within 40 lines of a short record a slow force, which the command follows, falls by decades."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +100,10 @@ class Data:
         highest_hz = HIGHEST_OF[problem.grid.hold] * self.rate_hz
         residual = problem.residual(fit)
         if self.in_loop:
-            weight = weights(self.given, residual, highest_hz, fit.ringing, _FEWEST_IN_LOOP)
+            # lines over which the noise's power is averaged in a loop, at least. A loop turns what the weights
+            # flatten into bias: within 40 lines of a short record a slow force, which the command follows, falls by
+            # decades
+            weight = weights(self.given, residual, highest_hz, fit.ringing, 12)
         else:
             weight = weights(self.given, residual, highest_hz)
         return replace(problem, weight=weight)
@@ -173,7 +166,8 @@ def _arrival(taken: Spectrum) -> int:
     lines = np.conj(taken.command) * taken.position / (power + 0.01 * float(np.max(mean_of_lines(power))))
     impulse = np.abs(np.fft.irfft(lines, taken.samples))[: taken.samples // 4]
     tenth = 0.1 * float(np.max(impulse))
-    if not tenth > _STANDS_OUT * float(np.median(impulse)):
+    # tenth of an impulse response's peak over its median, from which on its beginning can be seen
+    if not tenth > 4.0 * float(np.median(impulse)):
         return 0
     return max(int(0.9 * float(np.argmax(impulse > tenth))) - 10, 0)
 
@@ -187,7 +181,9 @@ def local_of(taken: tuple[Spectrum, ...], rate_hz: float) -> LocalResponse:
             "4 or more (a longer record, or a command with more lines)",
         )
     blindness = local.blindness
-    local = local.at(blindness <= max(_BLIND * float(np.min(blindness)), float(np.sort(blindness)[3])))
+    # how much less sure a response may be than its command's power allows, over the surest: between sines, where the
+    # command's lines are as smooth as a transient, it is 1e10 and more, at the slow end of a chirp 4e4, in noise 4
+    local = local.at(blindness <= max(1e6 * float(np.min(blindness)), float(np.sort(blindness)[3])))
     power = local.excitation
     return local.at(power > max(_SILENT * float(np.median(power)), _NOTHING * float(np.max(power))))
 

@@ -37,15 +37,8 @@ Starts = dict[Hold, list[SpectralFit]]
 """Fits to the response, best first, of each hold in the order in which one is taken if the data cannot tell."""
 CERTAIN = 12.0
 """Difference of -2 log likelihood from which on a hold is stated: odds of 1 : 400 on equal terms."""
-_CERTAIN_IF_FED_BACK = 36.0
-"""The same where a loop shows: two lags more or less of the filter that represents it make twenty."""
-_CERTAIN_IN_LOOP = 300.0
-"""The same where it misled the response, too: of 80 drawn loops one spoke for the wrong hold by 176; right ones do by
-1000."""
-_FLANK = 15.0
-"""Power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)."""
 _FAR = 300.0
-"""The same from which on the worse hold is not looked at more closely."""
+"""Difference of -2 log likelihood from which on the worse hold is not looked at more closely."""
 _BANDS, _FREE = 60, 1.6
 """Bands in which a residual is held against the command, and what they follow it by, on the mean, from which on no hold
 is stated: 1.46 at most where the form was right, 1.75 at least beside half-order parts."""
@@ -250,8 +243,11 @@ def _tried(choice: Choice, data: Data) -> _Trial:
 def _enough(trial: _Trial, other: _Trial) -> float:
     """Return the difference of evidence from which on one of two holds is stated."""
     if trial.in_loop:
-        return _CERTAIN_IN_LOOP
-    return _CERTAIN_IF_FED_BACK if max(trial.by_loop, other.by_loop) > 0.0 else CERTAIN
+        # where a loop misled the response: of 80 drawn loops one spoke for the wrong hold by 176; right ones do by
+        # 1000
+        return 300.0
+    # where a loop shows, two lags more or less of the filter that represents it make twenty
+    return 36.0 if max(trial.by_loop, other.by_loop) > 0.0 else CERTAIN
 
 
 def _decided(tried: list[_Trial], holds: tuple[Hold, ...], data: Data) -> SpectralEstimate:
@@ -308,7 +304,8 @@ def _flanks(taken: Sequence[Spectrum], residuals: Sequence[Residual]) -> bool:
             float(np.mean(np.abs(lines[(place > low) & (place < high)]) ** 2))
             for low, high in ((0.35, 0.40), (0.46, 0.495))
         )
-        return below > _FLANK * beyond
+        # power below a filter's edge over that beyond it, from which on a signal is taken to have passed one (12 dB)
+        return below > 15.0 * beyond
 
     return all(
         falls(lines, taken_.frequency_hz / taken_.rate_hz)
@@ -321,8 +318,6 @@ _SHARE, _FEWEST = 0.04, 30
 """Width of a band over the frequency, and its lines, of which six take part of the noise with them: a fifth at most."""
 REMAINS = 0.3
 """Share of what the reference changed that may still be amiss: the bands' own six of thirty lines, and chance."""
-_FOLLOWS = 0.3
-"""Share of the command's power that must follow the reference for it to be of use."""
 
 
 def fit_to_reference(estimated: SpectralEstimate, references: Sequence[FloatArray]) -> SpectralEstimate:
@@ -363,7 +358,8 @@ def follows_reference(taken: Spectrum, reference: FloatArray) -> bool:
     """Return true where enough of the command follows the reference (n,)."""
     followed = by_reference(taken, reference)
     power = float(np.sum(np.abs(taken.command) ** 2))
-    return float(np.sum(np.abs(followed.command) ** 2)) > (_FOLLOWS + 6.0 / _FEWEST) * power
+    # share of the command's power that must follow the reference for it to be of use
+    return float(np.sum(np.abs(followed.command) ** 2)) > (0.3 + 6.0 / _FEWEST) * power
 
 
 def by_reference(taken: Spectrum, reference: FloatArray) -> Spectrum:

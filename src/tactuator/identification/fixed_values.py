@@ -14,15 +14,9 @@ from tactuator.identification.search import Choice
 from tactuator.identification.trust import FIXED, FIXED_DB
 from tactuator.model.plant_model import DB, PlantModel, QualityCheck
 
-_BEHIND = 3.0
-"""Difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has to
-cancel costs one parameter, and chance gives a part of that back.
-"""
 _CHANCE = 1e-4
 """Chance of a likelihood ratio below which the record speaks against a value."""
 _FAR_OFF = FIXED.limit / 100.0  # as a share
-_BESIDE = 0.25
-"""Distance of a zero from a known pole, over that, within which it takes most of it away."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +80,9 @@ def disagrees(chosen: Choice, free: Sequence[Choice]) -> bool:
     if again is None:
         return True
     lost, values = 2.0 * (again.cost - beside.fit.cost), beside.fit.form.count - fit.form.count
-    if lost - float(np.log(problem.given.total)) * values > _BEHIND:
+    # difference of Bayes' criterion from which on a model without the values is better: a known pole that a zero has
+    # to cancel costs one parameter, and chance gives a part of that back
+    if lost - float(np.log(problem.given.total)) * values > 3.0:
         return True
     alike = replace(fit.form, known=(), gain=None) == replace(beside.fit.form, known=(), gain=None)
     return bool(alike and scipy.special.chdtrc(max(values, 1), max(lost, 0.0)) < _CHANCE)
@@ -101,7 +97,8 @@ def cancelled(known: Sequence[FixedAgainstOwn], model: PlantModel) -> bool:
         return True
     zeros = np.abs(np.roots(model.num)) / (2.0 * np.pi)
     return any(
-        value.fixed.name == "pole" and value.is_far and bool(np.any(np.abs(zeros / value.fixed.value - 1.0) < _BESIDE))
+        # distance of a zero from a known pole, over that, within which it takes most of it away
+        value.fixed.name == "pole" and value.is_far and bool(np.any(np.abs(zeros / value.fixed.value - 1.0) < 0.25))
         for value in known
     )
 

@@ -90,10 +90,8 @@ def identification(
         friction_fit = friction_fit.within(friction.confidence / common.scale[0], beyond_chance)
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
-    vague = friction is not None and friction.confidence > _VAGUE * friction.coulomb
-    if (vague or bent[0] > 0.0) and estimate.advantage < BENT * estimate.enough:
-        # no form here has what bends it, and one hold's half sample may pass for that
-        estimate = replace(estimate, certain=False, enough=BENT * estimate.enough)
+    if bent[0] > 0.0 or (friction is not None and friction.confidence > _VAGUE * friction.coulomb):
+        estimate = _hold_beside_bending(estimate)
     between = BetweenSamples(chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
     rows = [*check_polarity(model.num, model.den)]
     rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
@@ -123,6 +121,14 @@ def identification(
         distortion=distortion,
     )
     return result if estimate.free is None else _beside_free(result, common, estimate, estimate.free)
+
+
+def _hold_beside_bending(estimate: SpectralEstimate) -> SpectralEstimate:
+    """Return the estimate with the certainty of its hold where no form here has what bends the response: one hold's
+    half sample may pass for that.
+    """
+    enough = BENT * estimate.enough
+    return estimate if estimate.advantage >= enough else replace(estimate, certain=False, enough=enough)
 
 
 def _positions(residuals: Sequence[Residual], common: Prepared) -> tuple[FloatArray, FloatArray, float]:

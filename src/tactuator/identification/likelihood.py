@@ -31,10 +31,6 @@ from tactuator.identification.lines import Equations, JoinedEquations, equation_
 
 _SOON, _FAR_AWAY = 4, 100.0
 """Steps after which a fit beyond a hopeless cost is given up, half of them where it is that many times beyond."""
-_RAN_AWAY = 30.0
-"""Size of a pole over the highest frequency from which on it is no pole of the mechanism, but hides a known value."""
-_LOST = 1e-12
-"""Power of a column, over what it had, below which the records' ends have taken all of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +140,8 @@ class SpectralProblem:
             return products
         size = products.diagonal().copy()
         products -= along @ along.T
-        lost = products.diagonal() < _LOST * size
+        # power of a column, over what it had, below which the records' ends have taken all of it
+        lost = products.diagonal() < 1e-12 * size
         if lost.any():
             products[lost, :] = 0.0
             products[:, lost] = 0.0
@@ -241,7 +238,9 @@ class SpectralProblem:
         """Return true where a known gain was obeyed by a pole so far away that nothing shows it."""
         if at.form.gain is None:
             return False
-        far = _RAN_AWAY * float(np.max(np.abs(self.grid.s)))
+        # size of a pole over the highest frequency from which on it is no pole of the mechanism, but hides a known
+        # value
+        far = 30.0 * float(np.max(np.abs(self.grid.s)))
         return not bool(np.all(np.abs(all_poles(at.theta, at.form)) < far))
 
     def _step(self, now: _Point, damping: float, least: float) -> tuple[_Point | None, float]:

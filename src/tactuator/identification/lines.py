@@ -39,10 +39,6 @@ _FEWEST = 9
 """Lines below which a band is kept line by line."""
 _WIDEST = 1.0 / 1200.0
 """Widest band over the sampling rate: a dead time of 150 samples turns the phase by less than a radian in it."""
-_SUREST = 3e-3
-"""Relative error of a point that is not believed to be smaller: curvature within its band."""
-_LONG = 20_000
-"""Samples from which on a few are left out for a length without large prime factors (0.1 % at most)."""
 _WIDEST_TURNED_BACK = 1.0 / 150.0
 """The same where the dead time is taken off beforehand."""
 
@@ -105,7 +101,8 @@ def spectrum(command: FloatArray, position: FloatArray, rate_hz: float, shift: i
     Of a long record the last few samples may be left out.
     """
     count = command.size - shift
-    if count > _LONG:
+    # samples from which on a few are left out for a length without large prime factors (0.1 % at most)
+    if count > 20_000:
         # a length with a large prime factor takes the transform many times as long
         count = scipy.fft.prev_fast_len(count, real=True)
     early, late = _lines_of(command[:count], position[shift : shift + count])
@@ -265,7 +262,8 @@ class LocalResponse:
     @property
     def weight(self) -> FloatArray:
         """Return one over the deviation of each value, none taken for surer than the curvature within its band."""
-        return np.asarray(1.0 / np.sqrt(self.variance + (_SUREST * np.abs(self.value)) ** 2))
+        # relative error of a point that is not believed to be smaller: curvature within its band
+        return np.asarray(1.0 / np.sqrt(self.variance + (3e-3 * np.abs(self.value)) ** 2))
 
     def at(self, keep: NDArray[np.bool_]) -> LocalResponse:
         """Return the points where `keep` (m,)."""

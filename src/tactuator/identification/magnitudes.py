@@ -21,8 +21,6 @@ from tactuator.identification.uncertainty import log_slopes
 
 _REACH = 30.0
 """How far beyond the ends of the magnitudes poles and zeros may lie, over them: farther off nothing shows where."""
-_UNKNOWN = 3.0
-"""Deviation of the logarithm of a section's coefficient of which nothing is seen."""
 
 
 class Magnitudes(SpectralProblem):
@@ -58,7 +56,8 @@ class Magnitudes(SpectralProblem):
 
     def _covariance_and_step(self, fit: SpectralFit) -> tuple[FloatArray, FloatArray]:
         first = fit.numerator.size
-        unknown = np.diag(np.repeat([0.0, 1.0 / _UNKNOWN], [first, fit.theta.size]))
+        # deviation of the logarithm of a section's coefficient of which nothing is seen
+        unknown = np.diag(np.repeat([0.0, 1.0 / 3.0], [first, fit.theta.size]))
         rows = np.concatenate([self._slopes(fit), unknown])
         root = np.linalg.pinv(rows) * np.append(np.ones(first), fit.theta)[:, None]
         return root @ root.T, np.zeros(len(root))

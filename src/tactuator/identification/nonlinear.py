@@ -21,20 +21,8 @@ from tactuator.signals.spectra import mean_over_frequency
 
 _CERTAIN = 100.0
 """Drop of -2 log likelihood by one parameter from which on a shape is taken to have a part."""
-_SHARE = 0.02
-"""Share of the residual from which on it counts."""
-_FLAT = 1e-3
-"""Power of a shape beyond its linear part, over its own, below which the two cannot be separated."""
-_CLIPPED = (0.05, 0.2, 0.6)
-"""Levels of the command, of its deviation, below which it may do nothing."""
-_PLAY = (0.02, 0.1)
-"""Distances over which a hysteresis builds up, of the motion's deviation."""
-_TURNED = 1.0 + 2.5j
-"""Deviation of the response's logarithm by play, over what nothing linear follows of it. The hysteresis of a sine is a
-square wave: 0.90 of it lags a quarter of a turn, 0.44 is the rest, 2.1 times less; under noise it was up to 2.4."""
 _FEWEST = 9
 """Lines of a mean power at least."""
-_SPRING = 1.0 + 1.0j  # a spring moves the resonance, and with it size and phase alike
 
 
 def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> tuple[float, ComplexArray]:
@@ -52,7 +40,8 @@ def distortion_left(residuals: Sequence[Residual], frequency_hz: FloatArray) -> 
             size += float(np.sum(np.abs(residual.weight[1:] * pull) ** 2))
             along += float(np.sum((np.conj(pull) * residual.lines[1:]).real * power))
         won = along**2 / max(size, 1e-300)
-        if size > 0.0 and won > max(best, 0.5 * _CERTAIN, _SHARE * total):
+        # share of the residual from which on it counts
+        if size > 0.0 and won > max(best, 0.5 * _CERTAIN, 0.02 * total):
             best = won
             share, relative = _relative(along / size, pulls, residuals, frequency_hz)
             level = np.asarray(relative * side)
@@ -64,18 +53,24 @@ def _shapes(residual: Residual) -> Iterator[tuple[ComplexArray, complex]]:
     taken = residual.taken
     command = np.fft.irfft(taken.command, taken.samples) * np.sqrt(taken.samples)
     size = float(np.std(command))
-    clipped = [np.clip(command, -part * size, part * size) for part in _CLIPPED]
+    # levels of the command, of its deviation, below which it may do nothing
+    clipped = [np.clip(command, -part * size, part * size) for part in (0.05, 0.2, 0.6)]
     for shapes in ([command**2, command**3], clipped):
         for bent in _lines(_beyond(shape, command) for shape in shapes):
             bent *= residual.response
             yield bent, 1.0
     motion = residual.simulated
     for bent in _lines(_beyond(motion**power, motion) for power in (2, 3)):
-        yield residual.response * bent, _SPRING
+        # a spring moves the resonance, and with it size and phase alike
+        yield residual.response * bent, 1.0 + 1.0j
         yield bent, 1.0  # of the sensor
     turned, size = np.fft.irfft(1j * np.fft.rfft(motion), taken.samples), max(float(np.std(motion)), 1e-300)
-    for played in _lines(_beyond(dahl_state(motion, distance * size), motion, turned) for distance in _PLAY):
-        yield played, _TURNED
+    # distances over which a hysteresis builds up, of the motion's deviation
+    for played in _lines(_beyond(dahl_state(motion, distance * size), motion, turned) for distance in (0.02, 0.1)):
+        # deviation of the response's logarithm by play, over what nothing linear follows of it. The hysteresis of a
+        # sine is a square wave: 0.90 of it lags a quarter of a turn, 0.44 is the rest, 2.1 times less; under noise it
+        # was up to 2.4
+        yield played, 1.0 + 2.5j
 
 
 def _beyond(shape: FloatArray, *linear: FloatArray) -> FloatArray:
@@ -84,7 +79,8 @@ def _beyond(shape: FloatArray, *linear: FloatArray) -> FloatArray:
     power = float(rest @ rest)
     for along in linear:
         rest = rest - along * float(along @ rest) / max(float(along @ along), 1e-300)
-    return rest if float(rest @ rest) > _FLAT * power else np.zeros(rest.size)
+    # power of a shape beyond its linear part, over its own, below which the two cannot be separated
+    return rest if float(rest @ rest) > 1e-3 * power else np.zeros(rest.size)
 
 
 def _lines(rows: Iterable[FloatArray]) -> list[ComplexArray]:

@@ -172,12 +172,8 @@ _SHORT, _LONG = 40, 200
 """Highest order of a whitening filter, samples; where a loop may be, the slow end of what disturbs matters too."""
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
-_LOOP = 10.0
-"""Fall of -2 log likelihood of the command, all paid for, from which on a loop is taken to be there."""
 _LENGTHS = (2, 5, 10, 20, 40)
 """Lengths of the filter that are tried, samples."""
-_SMEARED = 3
-"""Samples by which the filters before the converters let a band-limited command seem to run ahead of the noise."""
 _NUGGET = 1e-7
 """Share of white noise that keeps Levinson's recursion stable (-70 dB)."""
 
@@ -213,7 +209,8 @@ def explained_by_loop(of_lines: Residual, highest_hz: float, *, filtered: bool) 
     autocovariance[0] *= 1.0 + _NUGGET
     price, lines = float(np.log(2.0 * usable.sum())), float(usable.sum())
     best, chosen = 0.0, None
-    for early in (0, _SMEARED) if filtered else (0,):
+    # samples by which the filters before the converters let a band-limited command seem to run ahead of the noise
+    for early in (0, 3) if filtered else (0,):
         lags = (np.arange(-early, _LENGTHS[-1]) + taken.shift) % taken.samples
         # a residual of a few lines does not determine a longer filter
         for taps in _solutions(autocovariance[: lags.size], shared[lags]):
@@ -249,4 +246,5 @@ def feedback_seen(residual: Residual, hold: Hold) -> bool | None:
     shows that there was none.
     """
     highest = HIGHEST * residual.taken.rate_hz
-    return explained_by_loop(residual, highest, filtered=hold == "band-limited") > _LOOP or None
+    # fall of -2 log likelihood of the command, all paid for, from which on a loop is taken to be there
+    return explained_by_loop(residual, highest, filtered=hold == "band-limited") > 10.0 or None

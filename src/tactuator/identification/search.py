@@ -36,8 +36,6 @@ _NEAR = 60.0
 """Difference of the criterion within which a form is gone on with by the last weights: it may come near enough."""
 _FAR_OFF = 20.0
 """Cost of a form over the best one's from which on it will not do."""
-_ASTRAY = 15.0
-"""Mean squared departure from the local response, in its errors, of the best fit at the worst."""
 _FITS, _HOPELESS = 1.5, 300.0
 """Mean squared departure from the local response, in its errors, of a form that follows it; the criterion's difference
 from which on another hold is not tried with more poles."""
@@ -124,7 +122,8 @@ class _Proposals:
 
     def _fitted(self, hold: Hold, form: Form, before: dict[Form, SpectralFit]) -> float:
         """Add the fit of a form, and return its score; before: those under other holds, to start from."""
-        hopeless = _FAR_OFF * min(self.least_cost(), _ASTRAY * self._points)
+        # mean squared departure from the local response, in its errors, of the best fit at the worst
+        hopeless = _FAR_OFF * min(self.least_cost(), 15.0 * self._points)
         fit = self._starters[hold].fit(form, self._delay or 0.0, before.get(form), hopeless)
         if fit is None:
             return np.inf

@@ -29,16 +29,10 @@ _ALIKE = 3.0
 """Half of -2 log likelihood by which a fit may be behind that of another hold, from which it started."""
 _WORTH, _WORTH_SHARE = 3e-2, 3e-8
 """What a step of a descent has to win of the cost, in itself and as a share, for another one: this is a beginning."""
-_MOST_DELAYS = 40
-"""Dead times that are tried at the coarsest step."""
 _SOON = 20.0
 """Samples before which the beginning of the answer is no start for a dead time."""
 _SHORT = (0.1, 0.4)
 """Shares of a step of the search for dead times that are tried too: a dead time may be shorter than the first step."""
-_THIN = 120
-"""Frequencies at which dead times are compared."""
-_SAME = 1e-3
-"""Difference of dead times, samples, within which they are one and the same start."""
 
 
 class Starter:
@@ -97,7 +91,8 @@ class Starter:
         fits, begun_from = [], list[tuple[float, bool]]()
         for point in candidates[: 2 if form.poles < 4 else 1]:
             # the search for dead times comes upon one and the same again
-            here, apart = (point.delay, is_stable(point.theta, form)), _SAME * self.problem.grid.period
+            # difference of dead times, samples, within which they are one and the same start
+            here, apart = (point.delay, is_stable(point.theta, form)), 1e-3 * self.problem.grid.period
             if all(here[1] != other[1] or abs(here[0] - other[0]) > apart for other in begun_from):
                 begun_from.append(here)
                 self.problem.keep(point)
@@ -126,9 +121,11 @@ class Starter:
             below = np.flatnonzero(hertz <= top)
             if below.size < 4 * form.count:
                 continue
-            chosen = below[np.unique(np.linspace(0, below.size - 1, _THIN).astype(int))]
+            # frequencies at which dead times are compared
+            chosen = below[np.unique(np.linspace(0, below.size - 1, 120).astype(int))]
             step = max(0.3 / top, 0.4 / self._rate_hz)
-            near = [lag + k * step for lag in best for k in range(-4, 5)] or step * np.arange(1, _MOST_DELAYS)
+            # dead times that are tried at the coarsest step
+            near = [lag + k * step for lag in best for k in range(-4, 5)] or step * np.arange(1, 40)
             lags = [lag for lag in [*near, *(part * step for part in _SHORT)] if 0.0 < lag < longest] or [step]
             tried = np.array(sorted({round(lag * self._rate_hz, 6) / self._rate_hz for lag in lags}))
             if form.free == form.poles <= 2:

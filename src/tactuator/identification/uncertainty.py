@@ -28,10 +28,6 @@ from tactuator.signals.spectra import mean_over_frequency
 
 FLOOR = 5e-4
 """Deviation that no band goes below, 0.0085 dB at 95 %: two channels' converters and filters are not more alike."""
-_LEAST_WEIGHT = 14.0
-"""Difference of the criterion beyond which a form does not count (odds of 1 : 1100)."""
-_BELOW = 20
-"""Frequencies below those at which the record shows its own response, at which forms are held against each other."""
 _FEWEST = 7
 """Points of a mean over frequency at least."""
 
@@ -59,7 +55,8 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     own_variance = _variances(slopes, spread)
     for fit in choice.fits.values():
         behind = choice.problem.criterion(fit) - lowest
-        if behind > _LEAST_WEIGHT:
+        # difference of the criterion beyond which a form does not count (odds of 1 : 1100)
+        if behind > 14.0:
             continue
         weight = float(np.exp(-0.5 * behind))
         total += weight
@@ -86,7 +83,8 @@ def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None =
     """
     best, seen_hz = choice.fit, local.frequency_hz
     lowest_hz = float(choice.problem.grid.frequency_hz.min())
-    below = np.geomspace(lowest_hz, seen_hz[0], _BELOW if seen_hz[0] > SHOWN_LATE * lowest_hz else 0, endpoint=False)
+    # frequencies below those at which the record shows its own response, at which forms are held against each other
+    below = np.geomspace(lowest_hz, seen_hz[0], 20 if seen_hz[0] > SHOWN_LATE * lowest_hz else 0, endpoint=False)
     hertz = np.concatenate([below, seen_hz])
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, seen_hz), hertz))

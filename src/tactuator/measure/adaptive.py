@@ -91,8 +91,6 @@ LANDS_S, LIFTED_S, _ENDS_S = 1.0, 2.0, 3.0
 """When the finger lands and is lifted, and when the play ends."""
 _WINDOW_S, _STEP_S = 0.1, 0.005
 """Windows in which what is felt is averaged, and from one to the next."""
-_TONES_HZ = (3.0, 9.0, 27.0, 85.0, 250.0)
-"""Over the band, each three times the one before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +114,8 @@ def landing(controller: Controller, channel: str, seed: int = 0, level_db_sl: fl
     rate, load = controller.rate_hz, shown.loads[0].name
     low, high = shown.threshold.band_hz
     time = np.arange(round(_ENDS_S * rate)) / rate
-    tones = [hertz for hertz in _TONES_HZ if low <= hertz <= high]
+    # over the band, each three times the one before
+    tones = [hertz for hertz in (3.0, 9.0, 27.0, 85.0, 250.0) if low <= hertz <= high]
     asked = float(from_db(level_db_sl)) * np.sum(
         [np.sin(2.0 * np.pi * hertz * time + hertz) for hertz in tones], axis=0
     )

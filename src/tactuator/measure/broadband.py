@@ -169,8 +169,6 @@ _LINES, _SLOW_SHARE = 240, 0.2
 """Lines given to a fit, even in log frequency; share of the band's lower edge below which a zero is at rest."""
 _FAR, _FALLS_OFF = 10.0, 4.0
 """Of the band's upper edge: where nothing was measured, and where a plant that does not fall off is made to."""
-_MARGIN_S = 0.01
-"""What is left of an answer's delay for the fit: no mechanism answers later than 10 ms by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +269,8 @@ def _bulk_delay_s(recording: Recording) -> float:
     spectrum[recording.wave.bins] = response
     impulse = np.abs(np.fft.irfft(spectrum, recording.wave.period))
     begun = int(np.flatnonzero(impulse > 0.5 * np.max(impulse))[0])
-    return max(0.0, begun / recording.wave.rate_hz - _MARGIN_S)
+    # what is left of an answer's delay for the fit: no mechanism answers later than 10 ms by itself
+    return max(0.0, begun / recording.wave.rate_hz - 0.01)
 
 
 def _points(recording: Recording, late_s: float) -> FrequencyResponse:

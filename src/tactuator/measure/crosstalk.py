@@ -21,10 +21,6 @@ from tactuator.rig.rig import Rig, require_sensors, with_felt
 from tactuator.signals.decibels import db, from_db, half_width_db
 from tactuator.signals.multisine import tones
 
-_KNOWN_DB = 2.5
-"""Half-width up to which a level is reported: the motion is then three times its half-width, which noise alone reaches
-in one of 15,000 cases (of eight blocks).
-"""
 _LEAST = 1e-5
 """Half-width at least, of the threshold: no gauge reads a motion 100 dB below it."""
 
@@ -42,7 +38,9 @@ class FeltLevel:
         """Return the level of a motion that is known to a half-width, all three in one unit."""
         half_width = max(half_width, _LEAST * threshold)
         confidence_db = float(half_width_db(size, half_width))
-        if confidence_db <= _KNOWN_DB:
+        # half-width up to which a level is reported: the motion is then three times its half-width, which noise alone
+        # reaches in one of 15,000 cases (of eight blocks)
+        if confidence_db <= 2.5:
             return cls(float(db(size / threshold)), confidence_db, None)
         return cls(None, None, float(db((size + half_width) / threshold)))
 

@@ -72,10 +72,6 @@ def _off_rest(frequency_hz: ArrayLike) -> NDArray[np.float64]:
     return np.maximum(np.asarray(frequency_hz, dtype=np.float64), 1e-6)
 
 
-_FILLED = 0.9
-"""Share of a limit that a level chosen here takes: what the model leaves out has the rest."""
-
-
 def level_within_limits(
     controller: Controller, names: Sequence[str], frequency_hz: FloatArray, level_db_sl: float, played: Multisine | None
 ) -> float:
@@ -98,7 +94,8 @@ def level_within_limits(
                 amplitude, phase = played.amplitude * np.abs(share), played.phase_rad + np.angle(share)
                 peak = np.max(np.abs(replace(played, amplitude=amplitude, phase_rad=phase).one_period()))
             most = max(most, float(peak))
-    beyond_db = float(db(most / _FILLED))
+    # share of a limit that a level chosen here takes: what the model leaves out has the rest
+    beyond_db = float(db(most / 0.9))
     return level_db_sl if beyond_db <= 0.0 else float(np.floor(10.0 * (level_db_sl - beyond_db))) / 10.0
 
 

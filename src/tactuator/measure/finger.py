@@ -31,8 +31,6 @@ from tactuator.signals.multisine import Periods, multisine, odd_lines
 ONE, CHAIN, NEITHER, CANNOT_TELL = "one", "chain", "neither", "cannot tell"
 FELT_ALIKE_DB = 0.25
 """A misfit that changes what is felt by no more than this does not speak against one mass, damper and spring."""
-_SURE = 0.99
-"""Confidence with which a misfit speaks against a model: one finger in a hundred is called wrong by chance."""
 _MODEL_SHARE = 1e-3
 """Share of a figure that the model leaves open at least: images of the held command, and what friction does
 differently under a finger."""
@@ -170,14 +168,13 @@ def _excess(missed: ComplexArray, realisations: int, used: float) -> float:
     below = 2.0 * (realisations - 1)
     mean = below / (below - 2.0)
     variance = below**3 / ((below - 2.0) ** 2 * (below - 4.0))
-    most = scipy.stats.gamma.ppf(_SURE, (missed.size - used) * mean**2 / variance, scale=variance / mean)
+    # confidence with which a misfit speaks against a model: one finger in a hundred is called wrong by chance
+    most = scipy.stats.gamma.ppf(0.99, (missed.size - used) * mean**2 / variance, scale=variance / mean)
     return float(np.sum(np.abs(missed) ** 2) * realisations / most)
 
 
 REPEATS = 3
 """Periods of a realisation; the first settles."""
-_EVENED_MAX = 2.0
-"""Factor by which a line is played stronger or weaker to a finger than free, at most."""
 _PERIOD_S, _LINES, _FEWEST = 1.0, 32, 4
 """A period of a second has odd lines 2 Hz apart; 32 over the band; four realisations leave Student's t below 3.2."""
 
@@ -204,7 +201,8 @@ class FingerPlan:
     def evened(self, factor: ComplexArray) -> FingerPlan:
         """Return the plan with the lines of each channel times a factor (channels, m)."""
         size = np.abs(factor)
-        factor = factor * np.clip(size, 1.0 / _EVENED_MAX, _EVENED_MAX) / size
+        # factor by which a line is played stronger or weaker to a finger than free, at most
+        factor = factor * np.clip(size, 0.5, 2.0) / size
         spectra = np.zeros((len(self.waves), self.periods.period // 2 + 1, len(factor)), dtype=np.complex128)
         lines = self.periods.lines
         spectra[:, lines] = np.fft.rfft(self.waves)[:, lines, None] * factor.T
@@ -287,10 +285,6 @@ def finger_impedance(channel: Channel, plan: FingerPlan, free: ComplexArray, tou
     return np.asarray(channel.load_scale * hold * (1.0 / touched - 1.0 / free))
 
 
-_HIGHEST_HZ = 250.0
-"""End of the lines, hertz: little moves above."""
-
-
 def measure_finger(
     rig: Rig,
     controller: Controller,
@@ -313,7 +307,8 @@ def measure_finger(
     measured = [controller.display.channels[column] for column in columns]
     loops = [_loop(controller, column) for column in columns]
     low = max([FELT_BAND_HZ[0], *(channel.threshold.band_hz[0] for channel in measured)])
-    high = min([_HIGHEST_HZ, 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
+    # end of the lines, hertz: little moves above
+    high = min([250.0, 0.2 * rig.rate_hz, *(channel.threshold.band_hz[1] for channel in measured)])
     plan = plan_play(rig.rate_hz, (low, high), level_db_sl, seconds, rng)
     rig.load(controller)
     half = len(plan.waves) // 2

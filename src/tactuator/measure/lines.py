@@ -81,10 +81,6 @@ class Excitation(Protocol):
         ...
 
 
-_FADED = 0.25
-"""Share of the settling over which the wave rises: what the rise excites has three times that to die away."""
-
-
 def measure_lines(
     play: Play,
     rate_hz: float,
@@ -104,7 +100,8 @@ def measure_lines(
     lines: Lines | None = None
 
     def waves() -> Iterator[FloatArray]:
-        rise = np.minimum(1.0, np.arange(settling) / (_FADED * settling))
+        # share of the settling over which the wave rises: what the rise excites has three times that to die away
+        rise = np.minimum(1.0, np.arange(settling) / (0.25 * settling))
         yield excitation.wave(0, settling) * (0.5 - 0.5 * np.cos(np.pi * rise))
         start = settling
         while lines is None:
@@ -142,25 +139,22 @@ def reference_on(rig: Plays, columns: Sequence[int], watch: Watch = iter) -> Pla
     return lambda waves: watch(rig.stream(references(waves)))
 
 
-_HARMONICS = 3
-"""Of a tone, the fundamental among them: friction shows in the third."""
-_FEWEST_BLOCKS = 8
-"""Blocks for a half-width: Student's t of 14 degrees of freedom is within a tenth of that of any number."""
 _SETTLE_S, _SETTLE_PERIODS, _BLOCK_S = 0.5, 1.25, 0.25
 """A loop settles in half a second, a low tone in little more than a period; a block lasts so long at least."""
-_HUM_HZ = 420.0
-"""Multiples of mains up to here are kept out of a tone: the seventh of 60 Hz, above the band."""
 
 
 class Tone:
     """A sinusoid of `peak` at one frequency, and the lock-in that reads it beside its harmonics and hum."""
 
-    fewest, growth = _FEWEST_BLOCKS, 4.0
+    # blocks for a half-width: Student's t of 14 degrees of freedom is within a tenth of that of any number
+    fewest, growth = 8, 4.0
 
     def __init__(self, frequency_hz: float, peak: float, rate_hz: float, mains_hz: float | None) -> None:
         self._frequency_hz, self._peak, self._rate_hz = frequency_hz, peak, rate_hz
-        mains = mains_multiples(mains_hz, min(_HUM_HZ, 0.45 * rate_hz))
-        harmonics = frequency_hz * np.arange(1, _HARMONICS + 1)
+        # multiples of mains up to here are kept out of a tone: the seventh of 60 Hz, above the band
+        mains = mains_multiples(mains_hz, min(420.0, 0.45 * rate_hz))
+        # of a tone, the fundamental among them: friction shows in the third
+        harmonics = frequency_hz * np.arange(1, 4)
         harmonics = harmonics[harmonics < 0.45 * rate_hz]
         # what is at a multiple of mains is hum, whatever it is a harmonic of
         off = np.min(np.abs(harmonics[:, None] - mains), axis=1, initial=np.inf)

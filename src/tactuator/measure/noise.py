@@ -42,8 +42,6 @@ from tactuator.synthesis.family import UNLOADED, plant_family
 from tactuator.synthesis.felt import beside_friction
 from tactuator.synthesis.objectives import NO_LOOP, NOISE_REMEDY, hum_remedy
 
-_QUIET_BAND = (0.25, 0.45)
-"""Of the rate: where the density of the noise is read, above hum and motion."""
 _SEEN = 4.0
 """A line counts from this many standard errors on."""
 
@@ -86,7 +84,8 @@ def sensor_noise(
     position_v, command_v: (n,), of one trace, volts at the sensor and of the command; plant: from one to the other.
     """
     spectrum = power_spectrum(position_v, rate_hz, 1.0)
-    low, high = (share * rate_hz for share in _QUIET_BAND)
+    # of the rate: where the density of the noise is read, above hum and motion
+    low, high = (share * rate_hz for share in (0.25, 0.45))
     quiet = (spectrum.frequency_hz > low) & (spectrum.frequency_hz < high)
     power = float(np.median(spectrum.density[quiet])) * 0.5 * rate_hz
     noise_v_rms = float(np.sqrt(max(power - channel.converter.step_v**2 / 12.0, 0.0)))
@@ -301,17 +300,16 @@ def _band_level(felt: PowerSpectrum, low: float, high: float, channel: Channel, 
     return float(db(peak_mm / channel.threshold.curve.displacement_mm(np.sqrt(low * high))))
 
 
-_TWELFTH = 2.0 ** (1.0 / 12.0) - 1.0
-"""Share of a frequency that makes a twelfth of an octave."""
-
-
 def _resonance(felt: PowerSpectrum, channel: Channel, lines: FloatArray) -> tuple[float, float, float] | None:
     """Return frequency, level and prominence of the felt density's highest peak, lines bridged; None below 3 dB."""
     inside = (felt.frequency_hz >= FELT_BAND_HZ[0]) & (felt.frequency_hz <= channel.threshold.band_hz[1])
     clear = np.min(np.abs(felt.frequency_hz[:, None] - lines), axis=1, initial=np.inf) > 2.5
     frequency = felt.frequency_hz[inside]
     density = np.interp(frequency, felt.frequency_hz[inside & clear], felt.density[inside & clear])
-    smooth = mean_over_frequency(np.log(np.maximum(density, 1e-300)), frequency, frequency, _TWELFTH, fewest=5)
+    # share of a frequency that makes a twelfth of an octave
+    smooth = mean_over_frequency(
+        np.log(np.maximum(density, 1e-300)), frequency, frequency, 2.0 ** (1.0 / 12.0) - 1.0, fewest=5
+    )
     peak = int(np.argmax(smooth))
     if peak in (0, smooth.size - 1):
         return None

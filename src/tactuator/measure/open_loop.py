@@ -186,8 +186,6 @@ _ERRORS_DB = (0.3, 0.5, 0.7)
 """Errors allowed of an equaliser, one after the other: of a tolerance of 1 dB, the rest is the model's."""
 _MARGIN = 0.7
 """Of the tolerance: a flatness below it is not corrected."""
-_WRONG = 0.01
-"""Relative error to which a correction is followed: a tenth of the tolerance."""
 _ROUNDS = 2
 """Corrections at most: each takes a measurement of the whole band."""
 
@@ -403,7 +401,8 @@ def _corrected(controller: Controller, name: str, flat: Flatness) -> ContinuousS
     prediction = ChannelPrediction.of(controller, name)
     channel = prediction.channel
     missing_db = flat.error_db - db(np.abs(prediction.felt(flat.frequency_hz)))
-    wrong = plant_of_levels(flat.frequency_hz, missing_db, _WRONG)
+    # relative error to which a correction is followed: a tenth of the tolerance
+    wrong = plant_of_levels(flat.frequency_hz, missing_db, 0.01)
     plant = channel.plant
     return ContinuousSystem(
         np.concatenate([plant.zeros, wrong.zeros]),

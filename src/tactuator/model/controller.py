@@ -244,9 +244,6 @@ class Controller:
         raise BadInput(f"controller: channel {name!r} is not there", f"{allowed}")
 
 
-_ROUNDING = 1.0 + 1e-9
-
-
 def _require_limits(designed: ChannelController, described: Channel, comfort_db_sl: float) -> None:
     """Raise BadInput unless every figure is positive and no greater than the display's own limit."""
     where = ("controller", f"channel {designed.name!r}")
@@ -258,7 +255,8 @@ def _require_limits(designed: ChannelController, described: Channel, comfort_db_
     }
     for key, (most, words) in greatest.items():
         value = getattr(designed.limits, key)
-        if not 0.0 < value <= most * _ROUNDING:
+        # rounding is no violation
+        if not 0.0 < value <= most * (1.0 + 1e-9):
             raise BadInput(f"{value:g}", f"above 0, at most {most:g} {words}", where=(*where, "limits"), key=key)
     if not designed.threshold_voltage_dc > 0.0:
         value = designed.threshold_voltage_dc

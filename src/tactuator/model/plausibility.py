@@ -277,12 +277,9 @@ def curve_doubts(given: ThresholdCurve) -> Iterator[Doubt]:
     yield from EXPECTED["curve"].doubts(float(np.median(level - known)))
     if np.all(level > 0.0):
         as_read, as_linear = float(np.std(level - known)), float(np.std(20.0 * np.log10(level) - known))
-        if as_read > _UNLIKE_DB:
+        # distance of a curve's shape from the library's below which it is like it
+        if as_read > 4.0:
             yield from EXPECTED["curve's shape"].doubts(as_read / max(as_linear, 0.1))
-
-
-_UNLIKE_DB = 4.0
-"""Distance of a curve's shape from the library's below which it is like it."""
 
 
 def response_doubts(given: FrequencyResponse) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from tactuator.parameters import Band, Flag, Number, Positive, Whole, Wording, t
 from tactuator.perception.curve import COMFORT_DB_SL
 
 MOST_CHANNELS = 64
+"""Most channels of a card."""
 LEAD_S = (0.02, 2.0)
 """Least and greatest time by which a stream may be fed ahead, seconds."""
 _IN_ORDER = Wording(default="1, 2, 3 ...")

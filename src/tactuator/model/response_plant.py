@@ -36,8 +36,6 @@ _BETWEEN_DB = 1.0
 """Room between two points beyond half of what the level changes there, dB."""
 _TURNS, _BETWEEN = 4, 8
 """One point in four is left out in turn; at eight places a gap systems are compared."""
-_SURE_DEVIATIONS = 2.0
-"""Standard errors of the points that the error holds (95 %)."""
 _WITHIN = (1.0, 1.5, 2.5, 5.0, 10.0, 25.0)
 """Errors that are tried, in terms of what the points are sure of."""
 
@@ -75,7 +73,8 @@ def plant_of_response(given: FrequencyResponse) -> ResponsePlant:
                 points = _Points(frequency, level, room_db)
                 others = [*_with_less(points, order, close_db), _with_more(points, order, orders, float(within_db))]
                 apart_db, unsure_hz = _farthest(points, system, others)
-                error_db = apart_db + _SURE_DEVIATIONS * float(np.median(own_db))
+                # standard errors of the points that the error holds (95 %)
+                error_db = apart_db + 2.0 * float(np.median(own_db))
                 valid_hz = float(frequency[0]), float(frequency[-1])
                 return ResponsePlant(system, error_db, unsure_hz, valid_hz, response_doubts(given))
     raise BadInput(

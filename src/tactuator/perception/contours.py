@@ -151,6 +151,7 @@ class Contours:
 
 
 _OFF_DB = 0.5
+"""Difference from the level that names a strength beyond which a file contradicts itself."""
 
 
 def _place(x: FloatArray, at: FloatArray) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.intp]], FloatArray]:

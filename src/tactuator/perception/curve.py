@@ -55,12 +55,9 @@ class Contact:
                 yield key, self.said[key], other.said[key]
 
 
-_FACTOR = 1.5
-
-
 def _alike(mine: object, theirs: object) -> bool:
     if isinstance(mine, float) and isinstance(theirs, float):
-        return 1.0 / _FACTOR <= mine / theirs <= _FACTOR
+        return 1.0 / 1.5 <= mine / theirs <= 1.5
     if isinstance(mine, tuple) and isinstance(theirs, tuple):
         return bool(mine[0] <= theirs[1] and theirs[0] <= mine[1])
     words = [set(str(each).lower().replace(",", " ").split()) for each in (mine, theirs)]
@@ -288,16 +285,13 @@ class RelativeCurve:
         return np.asarray(np.interp(asked, np.log(self.frequency_hz), self.level_db_sl))
 
 
-_Z95 = 1.959964
-"""Standard deviations of a normal distribution in half of its central 95 %."""
-
-
 def threshold_chart(curves: Mapping[str, ThresholdCurve], comfort_db_sl: float) -> Chart:
     """Return the chart of threshold curves by label, each with the level that is comfortable above it."""
     drawn = []
     for number, (label, curve) in enumerate(curves.items()):
         hertz, level, error = curve.frequency_hz, curve.level_db_re_1um, curve.standard_error_db
-        half = None if error is None else _Z95 * error
+        # standard deviations of a normal distribution in half of its central 95 %
+        half = None if error is None else 1.959964 * error
         words = f"comfort, {comfort_db_sl:g} dB above it" if number == 0 else ""
         drawn.append(ChartLine(label, hertz, level, "o-", half, colour=number))
         drawn.append(ChartLine(words, hertz, level + comfort_db_sl, "--", colour=number))

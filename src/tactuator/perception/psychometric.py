@@ -16,6 +16,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 
 TARGET_3_DOWN_1_UP = 0.5 ** (1.0 / 3.0)
+"""Share of right answers at which three in a row are as likely as not: 0.794 (Levitt, 1971)."""
 
 
 @dataclass(frozen=True)

@@ -120,10 +120,6 @@ def _gain(system: Any, zeros: Any, poles: Any) -> float:
     return float(np.real(value * np.prod(point - poles) / np.prod(point - zeros)))
 
 
-_NYQUIST = 1e-7
-"""Distance from z = -1 within which a root lies there: what a zero of high multiplicity loses to rounding."""
-
-
 def continuous_form(system: SampledSystem) -> ContinuousSystem:
     """Return the inverse of Tustin's transform, root by root: s = 2 rate (z - 1)/(z + 1); a root at z = -1 lies at
     infinity.
@@ -131,7 +127,8 @@ def continuous_form(system: SampledSystem) -> ContinuousSystem:
     The computing delay is left out.
     """
     twice = 2.0 * system.rate_hz
-    zeros, poles = (roots[np.abs(roots + 1.0) > _NYQUIST] for roots in (system.zeros, system.poles))
+    # distance from z = -1 within which a root lies there: what a zero of high multiplicity loses to rounding
+    zeros, poles = (roots[np.abs(roots + 1.0) > 1e-7] for roots in (system.zeros, system.poles))
     missing = np.full(system.poles.size - system.zeros.size, twice)  # zeros at infinity of z
     s_zeros = np.append(twice * (zeros - 1.0) / (zeros + 1.0), missing)
     shape = ContinuousSystem(s_zeros, twice * (poles - 1.0) / (poles + 1.0), 1.0)

@@ -27,9 +27,6 @@ from tactuator.signals.systems import ContinuousSystem, SampledSystem
 _LIGHT = 3.0
 """A root whose imaginary part is so many times its real part is followed by the grid: damping below 0.32."""
 
-_TURN_OFF = 0.6 * np.pi
-"""A closed pole that is unstable takes a turn of pi; a grid from above rest to below half the rate lacks half of it."""
-
 
 def around_modes_hz(roots: ComplexArray) -> FloatArray:
     """Return 33 frequencies, hertz, around each lightly damped root (rad/s), up to four times its half-width away."""
@@ -86,7 +83,9 @@ class LoopFigures:
         poles of L at rest and unstable ones, of each loop or of all.
         """
         wanted = np.pi * (0.5 * np.asarray(at_rest) + np.asarray(outside))
-        return np.asarray(np.abs(self.turned - wanted) < _TURN_OFF)
+        # a closed pole that is unstable takes a turn of pi; a grid from above rest to below half the rate lacks half
+        # of it
+        return np.asarray(np.abs(self.turned - wanted) < 0.6 * np.pi)
 
     def phase_margin_deg(self, part: slice = slice(None)) -> tuple[FloatArray, ComplexArray]:
         """Return each loop's least phase margin on a part of the grid, (n,), and the weights (n, size) with which it

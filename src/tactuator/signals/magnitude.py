@@ -47,9 +47,6 @@ class MagnitudeGoal:
     falls_above_hz: float = 0.0
 
 
-_LEAST_DAMPING = 0.005
-
-
 def fractions(square: FloatArray, corners: FloatArray) -> FloatArray:
     """Return the fractions 1 and a_k/(x + a_k), shape (n, order + 1)."""
     return np.hstack([np.ones((square.size, 1)), corners / (square[:, None] + corners)])
@@ -92,7 +89,8 @@ def off_the_axis(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the roots in x with those on or beside the positive axis (where a magnitude touches zero) moved off it,
     two by two, to the least damping allowed: x = w^2 exp(+/- 2j asin(damping)).
     """
-    angle = 2.0 * np.arcsin(_LEAST_DAMPING)
+    # the least damping of a root
+    angle = 2.0 * np.arcsin(0.005)
     upper = roots[roots.imag > 0.0]
     near = (upper.real > 0.0) & (upper.imag < upper.real * np.tan(angle))
     upper = np.where(near, np.abs(upper) * np.exp(1j * angle), upper)
@@ -109,20 +107,18 @@ Coefficients = tuple[FloatArray, FloatArray]
 STEEP_DB = 60.0
 """Range of a goal from which on a linear program comes near its solver's tolerance."""
 _WIDEST_DB = 16.0
+"""Error beyond which no filter is looked for, dB."""
 _PRECISION = 0.015
-_EVERY = 3
-"""Of the grid's points, those that the search for the least error begins with."""
-_OVERLOOKED = 0.003
-"""Share of an error by which a point that the search left out may be off before it is taken in."""
+"""Share of an error to which the least one is found."""
 _LEAST_DB = 1e-3
-_ALLOWED_MORE = (1.01, 1.0, 1.05, 1.2, 2.0, 4.0)
-"""Factors of the least error: one rule of pivoting may miss, by rounding, what another found possible."""
+"""Error below which no smaller one is looked for, dB."""
 _QUICK = {"simplex_dual_edge_weight_strategy": "devex"}
 _TYPICAL_DB = 15.0
 """Above the least error times the square of the order, for threshold curves: where the search for it begins."""
 _BETWEEN_DB = 6.0
-_EXCESS_DB = 0.05
+"""Rise above the ceiling, dB, that is allowed between the band and where the filter has to fall."""
 _MOST_NARROWED_DB, _FINE_DB, _COARSE_DB = 0.19, 0.235, 0.5
+"""Error to which a floor of friction may narrow the goal, and the errors between which it may do so less and less."""
 
 
 class Program:
@@ -158,7 +154,8 @@ class Program:
         self._scale = np.max(np.abs(self._target), axis=0)
         self._above = np.append(goal.above_hz, 0.5 * rate_hz)
         self._taken = np.zeros(goal.frequency_hz.size, dtype=bool)
-        self._taken[::_EVERY] = self._taken[-1] = True
+        # of the grid's points, those that the search for the least error begins with
+        self._taken[::3] = self._taken[-1] = True
         self._lower_bound_db, self._is_delicate = 0.0, former is not None or steep
         self._guess_db: float = _TYPICAL_DB / order**2 if former is None else former._guess_db
         self._step = 1.4 if former is None else 1.1
@@ -185,7 +182,8 @@ class Program:
         above = np.append(above, peaks[(peaks > above[0]) & (peaks < above[-1])])
         ceiling_db = 10.0 * np.log10(self._ceiling(above, 0.0)) + self._middle_db
         excess = float(np.max(db(self.filter.response(above)) - ceiling_db))
-        return excess if excess > _EXCESS_DB else 0.0
+        # dB beyond a ceiling that a grid may overlook
+        return excess if excess > 0.05 else 0.0
 
     def again(self) -> Program:
         """Return a program of the same goal in the basis of this solution's roots, constraints scaled by its D."""
@@ -241,7 +239,8 @@ class Program:
         while not self._is_possible(high) and high < _WIDEST_DB:
             low, high = high, high * (1.0 + _PRECISION)
         self._lower_bound_db, self._guess_db = low, high
-        for times in _ALLOWED_MORE:
+        # factors of the least error: one rule of pivoting may miss, by rounding, what another found possible
+        for times in (1.01, 1.0, 1.05, 1.2, 2.0, 4.0):
             coefficients = self._solve(times * high + 0.002)
             if coefficients is not None:
                 return coefficients
@@ -298,7 +297,8 @@ class Program:
         lowest, highest = self._tolerance_db(error_db)
         over = np.nan_to_num(np.maximum(off_db - highest, lowest - off_db), nan=np.inf)
         edged = np.concatenate([[-np.inf], over, [-np.inf]])
-        return np.asarray((over > _OVERLOOKED * error_db) & (over >= edged[:-2]) & (over >= edged[2:]))
+        # share of an error by which a point that the search left out may be off before it is taken in
+        return np.asarray((over > 0.003 * error_db) & (over >= edged[:-2]) & (over >= edged[2:]))
 
     def _tolerance_db(self, error_db: float) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest error at every point of the grid, dB, (n,) each."""
@@ -384,8 +384,6 @@ class Program:
         return np.asarray((1.0 + s) / (1.0 - s), dtype=np.complex128)
 
 
-_MEANT = 1.1
-"""What rounding may make of an error that a linear program keeps."""
 _REFINED_ORDER, _REFINED_DB = 8, (0.22, 0.45, 0.45)
 
 
@@ -418,7 +416,8 @@ def fit_within(goal: MagnitudeGoal, rate_hz: float, order: int, error_db: float)
             program = Program(goal, rate_hz, order, shaped, within_db=error_db)
         except BadInput:
             continue
-        if program.excess_db == 0.0 and program.error_db <= _MEANT * error_db:
+        # what rounding may make of an error that a linear program keeps
+        if program.excess_db == 0.0 and program.error_db <= 1.1 * error_db:
             return program.filter
     return None
 

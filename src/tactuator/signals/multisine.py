@@ -24,7 +24,9 @@ from tactuator.signals.spectra import KEEP_OFF_HZ, nearest_mains, off_mains
 Bins = NDArray[np.int64]
 _KEYS = ("period_samples", "periods", "realisations", "excited_lines")
 _ONE_SILENT_OF = 4
+"""Of so many neighbouring lines one is left silent: distortion shows there."""
 _MAINS_HZ = (50.0, 60.0)
+"""Where it is not said which, lines keep off both."""
 
 
 @dataclass(frozen=True)
@@ -216,13 +218,12 @@ Band = tuple[float, float]
 
 TOLERANCE = 0.02
 """Greatest relative distance between a frequency that is asked and the one that is played for it."""
-_DENSEST = 201
-POINT_COUNT = 30
 
 
 def over_the_band(band_hz: Band, mains_hz: float | None) -> FloatArray:
     """Return 30 frequencies over the band of our own choosing, hertz, moved off mains to the side inside the band."""
-    return off_mains(np.geomspace(*band_hz, POINT_COUNT), mains_hz, band_hz=band_hz)
+    # about ten a decade of the usual band
+    return off_mains(np.geomspace(*band_hz, 30), mains_hz, band_hz=band_hz)
 
 
 def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> FloatArray:
@@ -270,7 +271,8 @@ def multisine_lines(
         _require_inside(float(hertz), band_hz)
     missed = f"two periods of {asked[0]:g} Hz within {longest_s:g} s"
     longest: tuple[int, Bins] | None = None
-    for times in range(1, _DENSEST + 1, 2):
+    # periods of the lowest line in the longest period that is tried
+    for times in range(1, 201 + 1, 2):
         period = round(times * rate_hz / asked[0])
         if 2.0 * period / rate_hz > longest_s:
             break

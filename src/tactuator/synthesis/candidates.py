@@ -149,7 +149,6 @@ def _roots(log_frequency: float, log_damping: float) -> tuple[list[complex], flo
 
 LIGHT_DAMPING = 0.5
 """A pole pair with less damping is a mode, on which a notch may be placed."""
-_MODES_MAX = 3
 
 
 def slow_pair(plant: ContinuousSystem) -> tuple[float, float]:
@@ -167,5 +166,6 @@ def other_modes(plant: ContinuousSystem) -> list[tuple[float, float]]:
     its slowest pair (within 20 %)."""
     pairs = plant.poles[plant.poles.imag > 0.0]
     damped = [(float(abs(pole)), float(-pole.real / abs(pole))) for pole in pairs]
-    modes = sorted(pair for pair in damped if pair[1] < LIGHT_DAMPING)[:_MODES_MAX]
+    # the lowest three may get a notch
+    modes = sorted(pair for pair in damped if pair[1] < LIGHT_DAMPING)[:3]
     return [mode for mode in modes if abs(mode[0] / slow_pair(plant)[0] - 1.0) > 0.2]

@@ -36,8 +36,9 @@ from tactuator.synthesis.strength import fit_strength
 from tactuator.synthesis.touch import design_feed_forward, fed_response, require_adaptive
 
 _SERVES, _GOOD = 0.75, 1.95
+"""Error of a prefilter over the flatness allowed: of one that serves, and, times its poles, of a good one."""
 _NEAR_DB = 1.5
-_FITS_MAX = 12
+"""Mean |S|, dB, beyond the best loop's, from which on no further loop is tried if one serves."""
 _ALIKE = 0.3
 """Difference of roots, as a share of their size, up to which the loop of one plant leads to that of the other."""
 _AS_GOOD = 1.1
@@ -131,7 +132,8 @@ def _designed(
 
     peak = display.objectives.resonance_peak
     candidates = feedback_candidates(channel, display.rate_hz, family, peak, near)
-    for mean_db, feedback in islice(candidates, _FITS_MAX):
+    # loops for which a prefilter is fitted, at most
+    for mean_db, feedback in islice(candidates, 12):
         least = mean_db if not designs else least
         if mean_db > least + _NEAR_DB and is_served():
             break

@@ -51,6 +51,7 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
 
 
 _AT_ONE = 1e-9
+"""Distance of a root from one, or from the unit circle, that rounding explains."""
 
 
 def can_be_unconditionally_stable(family: Sequence[Member]) -> bool:

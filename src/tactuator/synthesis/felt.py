@@ -36,9 +36,9 @@ from tactuator.signals.loop_figures import margins
 from tactuator.synthesis.assessment import command_noise_gain
 
 _ANGLES = (np.arange(256) + 0.5) * (np.pi / 256.0)
+"""Of half a period, radians, at the middle of each step: a mean over them is an integral."""
 _RESTS = np.linspace(0.0, 0.5, 9)
-_STEADIEST = 0.05
-"""Where converters may rest, in steps from a code; the least noise of a converter's own edge, in steps."""
+"""Where converters may rest, in steps from a code."""
 
 
 def dahl_harmonic(amplitude_v: FloatArray, friction_v: float, presliding_v: float) -> NDArray[np.complex128]:
@@ -54,6 +54,7 @@ def dahl_harmonic(amplitude_v: FloatArray, friction_v: float, presliding_v: floa
 
 
 _ROUNDS = 8
+"""Rounds in which hum and the friction along its motion, each depending on the other, settle."""
 
 
 def felt_db_sl(channel: Channel, peak_volts: FloatArray, frequency_hz: FloatArray) -> FloatArray:
@@ -127,7 +128,8 @@ def step_gain(
     k = np.arange(1, 17)
     phase = 2.0 * np.pi * k[:, None] * np.maximum(amplitude_v, 1e-9 * step_v) / step_v
     share = 2.0 * scipy.special.j1(phase) / phase
-    share = share * np.exp(-2.0 * (np.pi * k * max(noise_v_rms / step_v, _STEADIEST)) ** 2)[:, None]
+    # the least noise of a converter's own edge is a twentieth of its step
+    share = share * np.exp(-2.0 * (np.pi * k * max(noise_v_rms / step_v, 0.05)) ** 2)[:, None]
     share = share * np.prod(scipy.special.j0(2.0 * np.pi * np.outer(k, lines_v) / step_v), axis=1)[:, None]
     return np.asarray(1.0 + 2.0 * ((-1.0) ** k * np.cos(2.0 * np.pi * np.outer(rests, k))) @ share)
 

@@ -20,7 +20,9 @@ Quantity = Literal[
     "|T|", "|S|", "sensitivity_peak", "phase_margin_deg", "command_noise_gain_max", "resonance_peak", "least_gain"
 ]
 DB = 20.0 / np.log(10.0)
+"""Decibels of a change of one in a natural logarithm (8.686)."""
 DEGREES_PER_DB = 5.0
+"""Degrees of phase margin that count as one decibel of a peak."""
 _UNITS: Mapping[Quantity, str] = {"|T|": "dB", "|S|": "dB", "phase_margin_deg": "deg"}
 
 

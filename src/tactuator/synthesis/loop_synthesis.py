@@ -47,6 +47,7 @@ _POLISHED = 2
 """Solutions that are polished: the first end 0.5 to 2 dB early around a resonator, the second best often ends ahead of
 the best."""
 _RESONANCE_SHARES = (0.5, 1.0)
+"""Shares of what a resonance may take, with which the search is begun."""
 Candidate = tuple[float, SampledSystem]
 """Mean |S| in dB of the worst plant, and the controller."""
 
@@ -167,7 +168,6 @@ def _settle(problem: LoopProblem, solution: Solution) -> Candidate | None:
     return settled
 
 
-_WAYS_MAX = 2
 _SLACKENED = (0.05, 0.5, 1.5)
 """dB by which a reported limit is loosened beyond the solver's answer: the first with which a design is found."""
 
@@ -226,7 +226,8 @@ def _possible(problem: LoopProblem, groups: Sequence[tuple[Limit, ...]], begin: 
     """Return, for each group that can give way alone, what it has to come to, and has been tried at."""
     ways: list[str] = []
     for group in groups:
-        if len(ways) == _WAYS_MAX:
+        # two ways out are reported
+        if len(ways) == 2:
             break
         kept = [solution for solution in _sound(problem, begin, group) if solution.excess_db <= _NEARLY_DB]
         if kept:

@@ -33,9 +33,11 @@ from tactuator.synthesis.touch import fed_push
 QUANTILES = (0.5, 0.95, 0.99, 1.0)
 FIGURES = ("sensitivity_peak", "flatness_db", "felt_hum_db_sl")
 _AT_ONCE = 2000
+"""Plants evaluated together: it bounds the memory."""
 SHIFT = 0.02
 """Relative standard deviation of a mode's frequency, if no record gives it."""
 _MOST = 1_000_000
+"""Most plants that may be drawn."""
 
 
 @dataclass(frozen=True, eq=False)

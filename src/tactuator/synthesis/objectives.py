@@ -56,7 +56,9 @@ from tactuator.synthesis.touch import fed_response
 from tactuator.wordlength.float32_check import buildable
 
 _POINTS = 600
+"""Frequencies over the band at which an objective is tested: about 1 % apart."""
 _ROUNDS, _TOLD_DB = 16, 0.005
+"""Rounds of friction's answer to its own motion; contribution to an error from which on its cause is named."""
 RESONANCE = "max|T|"
 _FLATNESS_REMEDY, _RESHAPING = "more poles in [prefilter], or a wider flatness_db", "reshaping"
 NOISE_REMEDY = "less noise at the sensor, or a lower command_noise_gain_max"

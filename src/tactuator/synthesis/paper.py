@@ -14,3 +14,4 @@ PREFILTER = ContinuousSystem.from_polynomials(
 """F(s), of unit gain at rest: multiply by the threshold voltage at rest for a reference in threshold units."""
 
 PREFILTER_POLES = 4
+"""Of the paper's F."""

@@ -30,7 +30,6 @@ from tactuator.signals.systems import SampledSystem, sections_response
 from tactuator.synthesis.felt import friction_loss_db
 from tactuator.synthesis.sections import cascade
 
-_BELOW_BAND_ALLOWANCE_DB = 1.0
 _FRICTION_FLOORS_DB = {20.0: 0.45, 10.0: 0.72}
 """By level (dB SL): how far below the curve the motion may be, friction included, as far as the fit can help it."""
 
@@ -115,7 +114,8 @@ def prefilter_goal(channel: Channel, loop: TwoDegreeLoop, rate_hz: float) -> Mag
     level = db(channel.prefilter_voltage(frequency) / np.abs(loop.moved_response(frequency)))
     if not np.all(np.isfinite(level)):
         raise BadInput(f"channel {channel.name!r}: the plant gives nothing somewhere in the band", "no such zero")
-    allowance = np.append(np.full(below.size, _BELOW_BAND_ALLOWANCE_DB), np.zeros(inside.size))
+    # dB by which the error may be larger below the band
+    allowance = np.append(np.full(below.size, 1.0), np.zeros(inside.size))
     falls = max(channel.prefilter.falls_above_hz, high * 1.02)
     top = 0.499 * rate_hz
     if falls > 0.9 * top:
@@ -173,10 +173,6 @@ def _fit(
     return PrefilterFit(sections, poles, float(abs(error[worst])), float(judged[worst]), rms, judged, error)
 
 
-WEIGHTING_POLES = 4
-_RISE_ABOVE_BAND_DB = 6.0
-
-
 def weighting_sections(channel: Channel, rate_hz: float) -> FloatArray:
     """Return W as second-order sections, shape (2, 6), at rate_hz: volts of y to felt threshold units.
 
@@ -201,6 +197,8 @@ def _fitted(level_db: tuple[float, ...], band_hz: tuple[float, float], rate_hz: 
         level_db=level,
         allowance_db=np.zeros_like(frequency),
         above_hz=np.geomspace(1.02 * high, 0.4998 * rate_hz, 50),
-        ceiling_db=float(np.max(level)) + _RISE_ABOVE_BAND_DB,
+        # above the band the weighting may rise by 6 dB
+        ceiling_db=float(np.max(level)) + 6.0,
     )
-    return cascade(fit_magnitude(goal, rate_hz, WEIGHTING_POLES))
+    # poles of the fit
+    return cascade(fit_magnitude(goal, rate_hz, 4))

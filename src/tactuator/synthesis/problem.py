@@ -48,7 +48,9 @@ from tactuator.synthesis.family import Member
 from tactuator.synthesis.limits import DB, DEGREES_PER_DB, Limit, Task
 
 _SHARPNESS = 300.0
+"""Of the smooth maximum, per dB: of hundreds of alike values it is 0.02 dB too high."""
 _KEPT = 8
+"""Evaluations that are remembered, the newest."""
 _MOST_TURN = np.pi - 0.02
 """Greatest angle of S, radians, on a grid that may overlook a little."""
 
@@ -186,7 +188,9 @@ def _smooth_maximum(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 _PUNISHMENT = 30.0
+"""Mean |S|, dB, that each dB beyond the limits costs."""
 _BOX, _SMALLER, _LEAST_BOX, _ROUNDS = 1.0, 4.0, 0.05, 12
+"""Reach of a round in each parameter (natural logarithms), by what it shrinks without gain, its least; rounds."""
 _FEW, _TO_THE_END = {"maxiter": 20, "ftol": 1e-3}, {"maxiter": 200, "ftol": 1e-6}
 _TURNED_DB, _SETTLED_DB, _KEPT_DB = 2.0, 0.05, 1e-3
 
@@ -304,8 +308,11 @@ def is_sound(feedback: SampledSystem, task: Task) -> bool:
 
 
 _SLOWEST_ZERO_HZ, _SLOWEST_POLE_HZ = 1.0, 3.0
+"""Lowest corners of the controller's zeros and poles."""
 _ZERO_DAMPING = (0.7, 4.0)
+"""Least and greatest damping of the controller's zeros; the least is lower beside a plant's own mode."""
 _POLE_DAMPING = (0.9, 2.0)
+"""Least and greatest damping of the controller's poles."""
 
 
 def bounds(task: Task) -> tuple[FloatArray, FloatArray]:
@@ -400,8 +407,8 @@ def _with_gain(problem: LoopProblem, values: Sequence[float], crossover_hz: floa
 _HOPS, _HOPS_LEAST, _HOPS_TIMES_DB = 128, 6, 24.0
 _SIZES = (0.3, 0.7)
 """Standard deviations of the steps, in turn: natural logarithms of gain, frequencies and dampings."""
-_POOL_MAX = 6
 _SAME_DB = 1e-3
+"""Difference of the excess within which two solutions are one."""
 
 
 def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Solution]:
@@ -414,7 +421,8 @@ def hops(problem: LoopProblem, beginnings: Sequence[FloatArray]) -> Iterator[Sol
         solution = solve(problem, start)
         if solution is not None and is_sound(problem.structure.system(solution.parameters), problem.task):
             if all(abs(solution.excess_db - known.excess_db) > _SAME_DB for known in pool):
-                pool[:] = sorted([*pool, solution], key=lambda known: known.excess_db)[:_POOL_MAX]
+                # the best few, from which further hops begin
+                pool[:] = sorted([*pool, solution], key=lambda known: known.excess_db)[:6]
             yield solution
 
 

@@ -35,7 +35,9 @@ def cascade(system: SampledSystem) -> FloatArray:
 
 
 _AT_ONE = 1e-9
+"""Distance of a root from one that rounding explains."""
 _GRAIN = 2.0**-45
+"""Step to which the pole beside an integrator is rounded."""
 
 
 def feedback_sections(feedback: SampledSystem) -> FloatArray:

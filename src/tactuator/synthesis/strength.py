@@ -31,13 +31,11 @@ FOLLOW_S = 0.05
 """Time constant of each of the two poles through which the reference's power is followed. Less would let the level of a
 slow tone swing with the tone itself."""
 _FROM_HZ, _DAMPING = 3.0, 1.3
-_APART = 1.8
-"""Least ratio of neighbouring corners: nearer ones would be gains against each other."""
-_SEARCHED = (3, 7, 14)
-"""Levels (9, 21 and 42 dB SL) by which the corners are chosen."""
 _TRIES, _FEW_ROUNDS, _ROUNDS = 160, 8, 60
-_TRANSFORM = 1 << 14
+"""Evaluations of the corners' search, and rounds of reweighting in each and of the result."""
 _OUTSIDE_WEIGHT, _SHARPER, _EXACT_DB, _RIDGE = 0.1, 0.3, 1e-6, 1e-7
+"""Weight beyond the band; power by which errors raise weights; error that is none, dB; part of the trace that keeps
+the normal equations solvable."""
 JUDGED_DB_SL = (10.0, 20.0, 30.0, 40.0, 50.0)
 """Strength levels at which a blended prefilter is judged."""
 
@@ -71,11 +69,13 @@ def _shaping(contours: Contours, band_hz: tuple[float, float], rate_hz: float) -
     grid = np.concatenate((np.geomspace(low / 10.0, low, 10), np.geomspace(low, high, 160)))
     grid = np.concatenate((grid, np.geomspace(1.02 * high, 0.49 * rate_hz, 30)))
     goals = [_Goal.of(contours, level, grid, band_hz, rate_hz) for level in _STEP_DB * np.arange(LEVELS)]
-    searched = [goals[row] for row in _SEARCHED]
+    # levels (9, 21 and 42 dB SL) by which the corners are chosen
+    searched = [goals[row] for row in (3, 7, 14)]
 
     def missed_db(figures: FloatArray) -> float:
         corners, damping = np.sort(np.exp(figures[:-1])), float(np.exp(figures[-1]))
-        near = np.min(corners[1:] / corners[:-1]) < _APART
+        # least ratio of neighbouring corners: nearer ones would be gains against each other
+        near = np.min(corners[1:] / corners[:-1]) < 1.8
         if near or corners[0] < low or corners[-1] > 0.2 * rate_hz or not 0.4 < damping < 3.0:
             return 100.0
         basis = shaping_basis(corners, damping, grid, rate_hz)
@@ -119,7 +119,8 @@ class _Goal:
     def of(
         cls, contours: Contours, level: float, grid_hz: FloatArray, band_hz: tuple[float, float], rate_hz: float
     ) -> _Goal:
-        whole = np.linspace(0.0, 0.5 * rate_hz, _TRANSFORM // 2 + 1)
+        # lines every 3 Hz at 48 kHz: a phase from a magnitude (Hilbert) needs them dense
+        whole = np.linspace(0.0, 0.5 * rate_hz, (1 << 14) // 2 + 1)
         phase = np.interp(grid_hz, whole, _minimum_phase(distance_db(contours, level, whole)))
         inside = (grid_hz >= band_hz[0]) & (grid_hz <= band_hz[1])
         return cls(from_db(distance_db(contours, level, grid_hz)), phase, inside)

@@ -34,8 +34,9 @@ MASS_FED = 0.7
 """Share of what the learnt mass takes that is fed forward: where all of it is, what is felt of speech passes 1 dB for
 the first milliseconds after a finger is lifted (decision 0008)."""
 _CORNER, _SLOW_HZ = 0.4, 8.0
+"""Corners of what is learnt from: over the end of the band, and in hertz."""
 _POINTS = 61
-_TAIL_S = 4.0
+"""Frequencies over the band of which the median is taken."""
 _WHOLE = 1e-9
 """Round-off of a delay in samples."""
 
@@ -184,7 +185,8 @@ def _heard_v(model: FeedForward, channel: Channel, loop: TwoDegreeLoop, rate_hz:
 def push_bound_v(model: FeedForward, loop: TwoDegreeLoop, display: Display) -> float:
     """Return the greatest sum of what is fed of both pushes, volts, that a reference within one threshold unit can
     bring about: the sum of the magnitudes of the impulse response."""
-    count = 1 << int(np.ceil(np.log2(_TAIL_S * display.rate_hz)))
+    # seconds of the impulse response that are summed
+    count = 1 << int(np.ceil(np.log2(4.0 * display.rate_hz)))
     frequency = np.asarray(np.fft.rfftfreq(count, 1.0 / display.rate_hz), dtype=np.float64)
     frequency[0] = 1e-3 * frequency[1]
     response = np.tensordot([model.mass_fed, 1.0], push_responses(model, loop, frequency), 1)

@@ -175,8 +175,6 @@ MOST_BITS = 44
 """Coefficients in double precision say nothing about more."""
 
 _HZ = np.geomspace(0.1, 300.0, 120)
-_TOLERANCE_DB = 0.1
-"""As ERROR_MAX_DB of float32_check."""
 
 Needed = dict[str, dict[str, dict[float, "BitsNeeded"]]]
 """By filter, form and rate."""
@@ -260,7 +258,8 @@ def _needed(
         if not holds(rows):
             break
         stable = bits
-        still_accurate = still_accurate and error_db(rows) <= _TOLERANCE_DB
+        # dB, as ERROR_MAX_DB of float32_check
+        still_accurate = still_accurate and error_db(rows) <= 0.1
         if still_accurate:
             accurate = bits
     return BitsNeeded(stable, accurate)

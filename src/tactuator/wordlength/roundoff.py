@@ -25,8 +25,6 @@ Step = Callable[[float, float], float]
 
 _SETTLE_S, _LISTEN_S = (0.5, 1.0), 0.5
 """Seconds until a run and its silence have settled, and seconds then looked at."""
-_TONE_HZ = 37.0
-"""No divisor of a usual rate, so that no two periods round alike."""
 
 
 def single_step(controller: ChannelController, rate_hz: float) -> Step:
@@ -83,7 +81,8 @@ def roundoff_reference(rate_hz: float, level: float) -> tuple[FloatArray, slice,
     """Return a tone of `level` upon a constant of `level`, then silence; and where round-off and limit cycles show."""
     listen = round(_LISTEN_S * rate_hz)
     first, silent = (round(settle_s * rate_hz) + listen for settle_s in _SETTLE_S)
-    tone = level * np.sin(2.0 * np.pi * _TONE_HZ * np.arange(first) / rate_hz)
+    # no divisor of a usual rate, so that no two periods round alike
+    tone = level * np.sin(2.0 * np.pi * 37.0 * np.arange(first) / rate_hz)
     reference = np.concatenate([level + tone, np.zeros(silent)])
     return reference, slice(first - listen, first), slice(first + silent - listen, first + silent)
 
