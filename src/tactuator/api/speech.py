@@ -189,6 +189,7 @@ def render(
     legacy: Annotated[
         bool, Option("Take a .haptic whose frequency outlasts its amplitude, as older players do.")
     ] = False,
+    live: Annotated[bool, Option("Of speech: as `listen` makes it of the same sound.")] = False,
     layout: Annotated[Place | None, Option(LAYOUT_HELP, file=True)] = None,
     workers: Annotated[int | None, Option("Of a folder: processes (default: cores).", ge=1)] = None,
     scheduler: Annotated[str | None, Option("Of a folder: address of a Dask scheduler.")] = None,
@@ -204,13 +205,14 @@ def render(
     """
     place, target = Path(source), Path(out)
     kind = "folder" if place.is_dir() else kind_of_source(place)
-    given = {"--coding": coding != CODING, "--save-coding": save_coding, "--legacy": legacy, "--layout": layout,
-             "--felt": felt, "--figures": figures, "--workers": workers, "--scheduler": scheduler}  # fmt: skip
+    given = {"--coding": coding != CODING, "--save-coding": save_coding, "--legacy": legacy, "--live": live,
+             "--layout": layout, "--felt": felt, "--figures": figures, "--workers": workers,
+             "--scheduler": scheduler}  # fmt: skip
     _require_fitting(source, kind, {name: value for name, value in given.items() if value})
     chosen, loaded = coding_of(coding), chosen_controller(display, controller)
     channels = [channel.name for channel in loaded.display.channels]
     placed = None if layout is None else read_layout(Path(layout), channels)
-    job = RenderJob(loaded, chosen, level_db_sl, felt is not None, seed, placed, legacy)
+    job = RenderJob(loaded, chosen, level_db_sl, felt is not None, seed, placed, legacy, live)
     result: RenderResult | FolderResult
     if kind == "folder":
         result = _folder(place, target, job, most_loss_db, workers, scheduler)
@@ -237,7 +239,8 @@ def _require_fitting(source: Place, kind: str, given: Mapping[str, Any]) -> None
 
 
 _TAKEN_BY: Mapping[str, tuple[str, ...]] = {
-    "--coding": ("speech", "folder"), "--save-coding": ("speech", "folder"), "--legacy": ("clip", "folder"),
+    "--coding": ("speech", "folder"), "--save-coding": ("speech", "folder"),
+    "--live": ("speech", "folder"), "--legacy": ("clip", "folder"),
     "--layout": ("alignment", "folder"), "--felt": ("speech", "clip", "alignment"),
     "--figures": ("speech", "clip", "alignment"), "--workers": ("folder",), "--scheduler": ("folder",),
 }  # fmt: skip

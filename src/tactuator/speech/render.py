@@ -29,6 +29,7 @@ from tactuator.speech.band_codings import DirectCoding
 from tactuator.speech.clip_signal import clip_signal, read_clip
 from tactuator.speech.coding import Coding, coding_document
 from tactuator.speech.limiter import FingerLimiting, Limiter
+from tactuator.speech.live.rendering import live_signal
 from tactuator.speech.options import LEVEL_DB_SL
 from tactuator.speech.signal import Loss, Signal
 from tactuator.speech.spoken import speech_signal
@@ -50,8 +51,8 @@ class RenderJob:
     """What is done to every source.
 
     level_db_sl: of an utterance, of a clip's strength 1, of a burst. coding: of speech. layout: of an alignment, the
-    channel of each tactor (None: the usual one). legacy: of a clip, see `parse_haptic`. simulate: whether it is to be
-    felt, on a simulated display of that seed.
+    channel of each tactor (None: the usual one). legacy: of a clip, see `parse_haptic`. live: speech as `live_signal`
+    has it. simulate: whether it is to be felt, on a simulated display of that seed.
     """
 
     controller: Controller
@@ -61,6 +62,7 @@ class RenderJob:
     seed: int = 0
     layout: tuple[int, ...] | None = None
     legacy: bool = False
+    live: bool = False
 
     def settings(self, kind: str) -> dict[str, Any]:
         """Return what the reference of a source of that kind depends on beside it, in plain JSON."""
@@ -70,7 +72,7 @@ class RenderJob:
             "level_db_sl": self.level_db_sl,
         }
         if kind == "speech":
-            settings["coding"] = coding_document(self.coding)
+            settings["coding"] = coding_document(self.coding) | ({"live": True} if self.live else {})
         if kind == "alignment":
             settings["layout"] = self.layout and list(self.layout)
         return settings
@@ -124,6 +126,8 @@ def signal_of(source: Path, job: RenderJob, workspace: Path | None = None) -> It
             yield clip_signal(read_clip(source, job.legacy), job.controller, job.level_db_sl)
         case "alignment":
             yield taps_signal(read_textgrid(source), job.controller, job.level_db_sl, job.layout)
+        case _ if job.live:
+            yield live_signal(source, job.controller, job.coding, job.level_db_sl)
         case _:
             with speech_signal(source, job.controller, job.coding, job.level_db_sl, workspace) as signal:
                 yield signal

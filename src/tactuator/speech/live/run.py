@@ -5,6 +5,9 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from itertools import chain
+
+import numpy as np
 
 from tactuator.errors import TimingMissed
 from tactuator.rig.rig import Rig, Trace
@@ -14,6 +17,8 @@ from tactuator.speech.live.stream import LiveStream
 
 LEAD_S = 0.005
 """By which a rig is fed ahead at first, as far as it can be so little; twice as far after each time that it ran dry."""
+QUIET_S = 0.06
+"""For which the loop stays closed at the end: a motor that is let go while it moves can be felt."""
 MOST_MISSES, SOUND_S = 5, 1.0
 """A rig that misses its time so often, each less than a second after it began, is given up."""
 
@@ -41,13 +46,14 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Tra
     the source is closed: a microphone takes its time.
     """
     misses, since_s = 0, 0.0
+    quiet = np.zeros((round(QUIET_S * rig.rate_hz), len(rig.channels)))
     gc.collect()
     gc.freeze()  # a search for garbage, 70 ms among all that is loaded, then goes over what is new
     with closing(source):
         try:
             while True:
                 try:
-                    for trace in rig.stream(stream.blocks()):
+                    for trace in rig.stream(chain(stream.blocks(), [quiet])):
                         report(trace)
                     break
                 except TimingMissed:
@@ -61,5 +67,5 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Tra
         finally:
             gc.unfreeze()
             rig.rest()
-        if (fault := getattr(source, "fault", None)) is not None:
+        if (fault := stream.fault or getattr(source, "fault", None)) is not None:
             raise fault

@@ -275,5 +275,7 @@ def open_source(name: str | PathLike[str] | None, rate_hz: int | None = None) ->
 
 def cleaned(samples: FloatArray) -> tuple[FloatArray, int]:
     """Return samples within LARGEST, with zeros for those that are no numbers, and how many these were."""
+    if np.abs(samples).max(initial=0.0) <= LARGEST:  # not so for what is no number
+        return samples, 0
     bad = ~np.isfinite(samples)
     return np.clip(np.where(bad, 0.0, samples), -LARGEST, LARGEST), int(np.count_nonzero(bad))

@@ -60,7 +60,7 @@ class LiveStream:
     """A source as blocks of reference for a rig with `controller`.
 
     clock: seconds by the display's clock; None: the rows given so far, for a rig whose time waits for them. muted: to
-    be set, at any time. stopped: whether `stop` was called. Raises
+    be set, at any time. stopped: whether `stop` was called. fault: of the source. Raises
     BadInput for a coding that cannot be causal, a display without its fingers, and a rate that is no whole number.
     """
 
@@ -84,7 +84,8 @@ class LiveStream:
         self._level, self._limiter = LiveLevel(level, rate), LiveLimiter(controller, self._block)
         self._shown = np.zeros(len(self._names))
         self._rows = self._not_numbers = self._missed = 0
-        self._fade, self.stopped, self.muted = 1.0, False, False
+        self._fade, self._ending, self.stopped, self.muted = 1.0, False, False, False
+        self.fault: Exception | None = None
 
     def delays(self) -> dict[str, float]:
         """Return the delay of each stage but the coding, seconds."""
@@ -112,6 +113,7 @@ class LiveStream:
         while left > 0.0:
             if self.stopped:
                 left = min(left, FADE_S + LOOK_AHEAD_S)
+            self._ending = left <= FADE_S + LOOK_AHEAD_S
             yield self._next()
             left -= self._block / self._rate if self._source.ended or self.stopped else 0.0
 
@@ -120,7 +122,7 @@ class LiveStream:
 
     def _next(self) -> FloatArray:
         now_s = self._rows / self._rate if self._clock is None else self._clock()
-        samples, bad = cleaned(self._source.read(now_s))
+        samples, bad = cleaned(self._read(now_s))
         self._not_numbers += bad
         self._resampler.push(samples)
         self._resampler.ended = self._source.ended
@@ -134,8 +136,18 @@ class LiveStream:
         self._shown = np.maximum(np.abs(rows).max(axis=0), fall * self._shown)
         return rows
 
+    def _read(self, now_s: float) -> FloatArray:
+        """Return what has come. Of a source that fails nothing comes any more, and the stream fades out."""
+        if self.fault is None:
+            try:
+                return self._source.read(now_s)
+            except Exception as fault:  # raised once the rig is at rest
+                self.fault = fault
+                self.stop()
+        return np.zeros(0)
+
     def _faded(self, rows: FloatArray) -> FloatArray:
-        towards = 0.0 if self.muted or self.stopped else 1.0
+        towards = 0.0 if self.muted or self._ending else 1.0
         if self._fade == towards == 1.0:
             return rows
         step = np.sign(towards - self._fade) / (FADE_S * self._rate)
