@@ -135,3 +135,15 @@ def test_measure_crosstalk__of_the_command_line__has_a_row_for_each_frequency(
     assert all(set(row["levels"]) == set(names) for row in rows)
     assert main([*asked, "--channel", "thumb", "--full"]) == 0
     assert "below -" in capsys.readouterr().out
+
+
+def test_crosstalk__level_not_stated__is_what_stays_within_the_limits_and_a_stated_one_is_kept(capsys) -> None:
+    small = [channel(name, environment=QUIET, travel_mm=0.2) for name in ("index", "thumb")]
+    made = controller(display(*small))
+    found = tt.measure_crosstalk(SimulatedRig(made.display, 1), made, [2.0, 30.0], channel=["index"], longest_s=1.0)
+    assert found.level_db_sl < 30.0
+    assert not any(row.saturated for row in found.rows)
+    words = f"level {found.level_db_sl:g} dB SL: 30 would pass the comfort limit, the range or the travel"
+    assert words in capsys.readouterr().err
+    stated = tt.measure_crosstalk(SimulatedRig(made.display, 1), made, [2.0], 30.0, channel=["index"], longest_s=1.0)
+    assert stated.level_db_sl == 30.0

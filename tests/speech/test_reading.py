@@ -138,13 +138,45 @@ def test_scan_speech__length_not_known_to_its_writer__read_to_its_end(tmp_path, 
     np.testing.assert_array_equal(read(path), whole)
 
 
-def test_scan_speech__ogg_of_two_streams__is_refused_and_not_half_read(tmp_path):
-    path = tmp_path / "speech.ogg"
+@pytest.mark.parametrize("kind", ["Ogg", "FLAC"])
+def test_scan_speech__two_streams_in_a_file__is_refused_and_not_half_read(tmp_path, kind):
+    path = tmp_path / f"speech.{kind.lower()}"
     soundfile.write(path, tone(2.0), 16000)
     assert scan_speech(path).frames == 32000
     path.write_bytes(2 * path.read_bytes())
-    with pytest.raises(BadInput, match="2 Ogg streams in one file; expected a single one"):
+    with pytest.raises(BadInput, match=f"2 {kind} streams in one file; expected a single one"):
         scan_speech(path)
+
+
+def test_scan_speech__flac_of_unknown_length__read_to_its_end_and_refused_where_it_is_cut(tmp_path):
+    path = tmp_path / "speech.flac"
+    soundfile.write(path, tone(2.0), 16000)
+    whole, content = read(path), path.read_bytes()
+    streamed_ = content[:21] + bytes([content[21] & 0xF0]) + bytes(4) + content[26:]  # 36 bits of STREAMINFO
+    path.write_bytes(streamed_)
+    assert scan_speech(path).frames == 32000
+    np.testing.assert_array_equal(read(path), whole)
+    path.write_bytes(streamed_[: len(content) // 2])
+    with pytest.raises(BadInput, match="lost sync"):
+        scan_speech(path)
+
+
+@pytest.mark.parametrize("between", [b"", b"TAG" + bytes(125)])
+def test_scan_speech__mp3_files_joined__read_to_the_end_of_the_last(tmp_path, between):
+    content = []
+    for seconds, rate, channels in ((2.0, 16000, 1), (3.3, 16000, 1), (2.0, 22050, 1), (2.0, 16000, 2)):
+        path = tmp_path / "m.mp3"
+        soundfile.write(path, np.tile(tone(seconds, rate)[:, None], channels), rate)
+        content.append(path.read_bytes())
+    for last in (content[1], (path.write_bytes(content[1]) and without_index(path)).read_bytes()):
+        path.write_bytes(content[0] + between + last)
+        found = scan_speech(path)
+        assert 5.3 <= found.duration_s <= 5.6  # with the pauses of two encoders
+        assert len(read(path)) == found.frames
+    for last in content[2:]:
+        path.write_bytes(content[0] + between + last)
+        with pytest.raises(BadInput, match="two rates, or of mono and stereo"):
+            scan_speech(path)
 
 
 @pytest.mark.parametrize("before", [bytes(500), b"half a frame"])

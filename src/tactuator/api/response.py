@@ -361,7 +361,7 @@ def _learnt_line(learnt: Learnt) -> str:
 
 Frequencies = Annotated[Numbers, Option("Frequencies, with commas (default: 30 over the band).", type=str | None)]
 _USUAL_LEVEL = "Level, dB SL (-60..55; default: 30, or what stays within the limits by the model)."
-LevelOption = Annotated[float, Option("Level, dB SL (-60..55).", _LEVEL)]
+LevelOption = Annotated[float | None, Option(_USUAL_LEVEL, _LEVEL)]
 Confidence = Annotated[float, Option("95 % half-width to reach.")]
 Longest = Annotated[float, Option("Seconds per point at most.")]
 
@@ -370,7 +370,7 @@ def measure_response(
     rig: RigOption,
     controller: ControllerOption = None,
     frequency_hz: Frequencies = None,
-    level_db_sl: Annotated[float | None, Option(_USUAL_LEVEL, _LEVEL)] = None,
+    level_db_sl: LevelOption = None,
     load: Load = "none",
     mains_hz: MainsHz = None,
     *,
@@ -441,7 +441,7 @@ def measure_crosstalk(
     rig: RigOption,
     controller: ControllerOption = None,
     frequency_hz: Frequencies = None,
-    level_db_sl: LevelOption = MeasurementOptions.level_db_sl,
+    level_db_sl: LevelOption = None,
     load: Load = "none",
     mains_hz: MainsHz = None,
     *,
@@ -460,13 +460,16 @@ def measure_crosstalk(
     ['thumb', 'middle']
     """
     loop = chosen_controller(display, controller)
-    asked = MeasurementOptions(level_db_sl, channel, load, confidence_db, longest_s)
+    usual = MeasurementOptions.level_db_sl if level_db_sl is None else level_db_sl
+    asked = MeasurementOptions(usual, channel, load, confidence_db, longest_s)
     rows: list[Crosstalk] = []
     with _prepared(rig, loop, asked, mains_hz, frequency_hz, None, seed) as (ready, options, wanted, _):
+        if level_db_sl is None:
+            options = _within_limits(ready, loop, options, wanted, "stepped", True, seed)
         for name in options.channels or ready.channels:
             with working(f"driving {name}") as step:
                 rows += felt_elsewhere(ready, name, wanted, options, progress=step)
-    return CrosstalkResult(level_db_sl, tuple(rows))
+    return CrosstalkResult(options.level_db_sl, tuple(rows))
 
 
 @contextmanager

@@ -24,7 +24,10 @@ _KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd"
 _QUIET = threading.RLock()
 _TIMES_LONGER, _TAG_BYTES = 64, 128
 _INDEXES = (b"Xing", b"Info", b"VBRI")
-_FIRST_FRAME_BYTES = 1 << 12
+_FIRST_FRAME_BYTES, _PIECE_BYTES, _FEW_FRAMES = 1 << 12, 1 << 16, 8
+_STATES_FRAMES, _STATES_BYTES, _MONO = 1, 2, 3
+UNKNOWN_FRAMES = 1 << 62
+"""Frames from which on a length is none: a FLAC of a stream states 0."""
 
 
 def _is_streamed(length: int) -> bool:
@@ -57,19 +60,52 @@ class _ReadThrough(io.FileIO):
         return super().seek(offset, whence)
 
 
+class _Forward(soundfile.SoundFile):
+    """A sound file read from its beginning on: without a length, the library fails to seek where it is at its end."""
+
+    def seekable(self) -> bool:
+        return bool(self.frames < UNKNOWN_FRAMES)
+
+
+def _first_frame(file: BinaryIO, head: bytes) -> tuple[int, bytes]:
+    """Return where the frames of an MP3 begin, behind its tag, and the first of them."""
+    begins = 0
+    if head[:3] == b"ID3":
+        begins = 10 + sum((byte & 127) << 7 * (3 - k) for k, byte in enumerate(head[6:10]))
+    file.seek(begins)
+    return begins, file.read(_FIRST_FRAME_BYTES)
+
+
+def _patches_of_joined(path: Path) -> dict[int, bytes]:
+    """Return what hides the index of an MP3 behind whose last frame by that index others follow, of a second file."""
+    with path.open("rb") as file:
+        begins, first = _first_frame(file, file.read(_HEAD_BYTES))
+        found = re.search(rb"(?:Xing|Info)...(.)(.{8})", first, re.DOTALL)
+        if found is None or not found[1][0] & _STATES_BYTES:
+            return {}
+        at = 4 * (found[1][0] & _STATES_FRAMES)
+        file.seek(begins + int.from_bytes(found[2][at : at + 4], "big"))
+        rest = file.read(_PIECE_BYTES)
+    if other := re.search(rb"(\xff[\xe2-\xff]..)(?:.{9}|.{17}|.{32})(?:Xing|Info)", rest, re.DOTALL):
+        if _kind_of_frame(other[1]) != _kind_of_frame(first):
+            raise BadInput("joined MP3 files of two rates, or of mono and stereo", "one file, as `ffmpeg` joins them")
+    return {begins + found.start(): bytes(4)} if other or rest.count(first[:2]) >= _FEW_FRAMES else {}
+
+
+def _kind_of_frame(head: bytes) -> tuple[int, int, bool]:
+    """Return version, rate and whether it is mono, of a frame of MPEG sound."""
+    return head[1] & 0xFE, head[2] & 0x0C, head[3] >> 6 == _MONO
+
+
 def is_indexed(path: Path) -> bool:
     """Return whether the length that the library gives is the file's own: an MP3 without an index is estimated."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
         if head[:4] in _KNOWN:
             return True
-        begins = 0
-        if head[:3] == b"ID3":
-            begins = 10 + sum((byte & 127) << 7 * (3 - k) for k, byte in enumerate(head[6:10]))
-        file.seek(begins)
-        first = file.read(_FIRST_FRAME_BYTES)
+        _, first = _first_frame(file, head)
     if any(index in first for index in _INDEXES):
-        return True
+        return not _patches_of_joined(path)
     if head[:3] == b"ID3" or head[:1] == b"\xff":
         return False
     with without_remarks(path):  # a recording of a broadcast begins anywhere
@@ -83,13 +119,15 @@ def opened_sound(path: Path) -> Iterator[soundfile.SoundFile]:
         source = _source(path)
         if isinstance(source, _ReadThrough):
             stack.enter_context(source)
-        yield stack.enter_context(soundfile.SoundFile(source))
+        yield stack.enter_context(_Forward(source))
 
 
 def _source(path: Path) -> Path | _ReadThrough:
     size = path.stat().st_size
     if not is_indexed(path):
-        return _ReadThrough(path, {}, _TIMES_LONGER * size + _TAG_BYTES)  # the estimate goes by the first frames
+        return _ReadThrough(
+            path, _patches_of_joined(path), _TIMES_LONGER * size + _TAG_BYTES
+        )  # the estimate goes by the first frames
     with path.open("rb") as file:
         head = file.read(_RIFF_BYTES)
         if head[:4] in (b"RIFF", b"RIFX"):
@@ -180,17 +218,20 @@ def without_remarks(path: Path) -> Iterator[None]:
 
 def require_whole(path: Path) -> None:
     """Raise BadInput, without the file's name, where a WAV (RF64 and W64, too), AIFF, AU or CAF states more bytes than
-    are there, and for an Ogg file of several streams.
+    are there, and for an Ogg or FLAC file of several streams.
 
     The library that reads the samples takes such a file for a shorter one, and says nothing. Raises OSError.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
-        if head[:4] == b"OggS":
-            begins = sum(kind[0] & _OGG_BEGINS > 0 for kind in re.findall(rb"OggS\0(.)", path.read_bytes(), re.DOTALL))
+        if head[:4] not in _KNOWN:
+            _patches_of_joined(path)
+        if name := {b"OggS": "Ogg", b"fLaC": "FLAC"}.get(head[:4]):
+            kinds = re.findall(rb"OggS\0(.)|fLaC[\0\x80]\0\0\x22", path.read_bytes(), re.DOTALL)
+            begins = sum(name == "FLAC" or kind[0] & _OGG_BEGINS > 0 for kind in kinds)
             if begins > 1:
-                raise BadInput(f"{begins} Ogg streams in one file", "a single one, which is all that is read")
+                raise BadInput(f"{begins} {name} streams in one file", "a single one, which is all that is read")
         if len(head) == _HEAD_BYTES and head[:4] in _STATED:
             _require(_STATED[head[:4]](file, head), size)
         if len(head) < _RIFF_BYTES or head[:4] not in _FORMS:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.kinds import require_kind
-from tactuator.io.sound import is_indexed, opened_sound, require_whole, without_remarks
+from tactuator.io.sound import UNKNOWN_FRAMES, is_indexed, opened_sound, require_whole, without_remarks
 
 BLOCK_FRAMES, KEPT_BYTES = 1 << 16, 1 << 25
 """So many frames go together; a file of no more than the second is read once."""
@@ -95,7 +95,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
     except soundfile.LibsndfileError as error:
         reason = str(error.error_string).strip().rstrip(".")
         raise BadInput(f"{path}: not readable as sound ({reason})", "WAV, FLAC, Ogg, AIFF, ...") from None
-    if is_indexed(path) and found.frames != frames:
+    if frames < UNKNOWN_FRAMES and is_indexed(path) and found.frames != frames:
         raise BadInput(f"{path}: truncated, {found.frames} of {frames} frames are there", "a whole file")
     _check_header(path, rate, found.frames)
     mean = found.mean
