@@ -86,9 +86,9 @@ def _patches_of_joined(path: Path) -> dict[int, bytes]:
         at = 4 * (found[1][0] & _STATES_FRAMES)
         file.seek(begins + int.from_bytes(found[2][at : at + 4], "big"))
         rest = file.read(_PIECE_BYTES)
-    if other := re.search(rb"(\xff[\xe2-\xff]..)(?:.{9}|.{17}|.{32})(?:Xing|Info)", rest, re.DOTALL):
-        if _kind_of_frame(other[1]) != _kind_of_frame(first):
-            raise BadInput("joined MP3 files of two rates, or of mono and stereo", "one file, as `ffmpeg` joins them")
+    other = re.search(rb"(\xff[\xe2-\xff]..)(?:.{9}|.{17}|.{32})(?:Xing|Info)", rest, re.DOTALL)
+    if other and _kind_of_frame(other[1]) != _kind_of_frame(first):
+        raise BadInput("joined MP3 files of two rates, or of mono and stereo", "one file, as `ffmpeg` joins them")
     return {begins + found.start(): bytes(4)} if other or rest.count(first[:2]) >= _FEW_FRAMES else {}
 
 
