@@ -98,6 +98,19 @@ def test_level__a_thump_of_10_to_40_db__within_1_db_or_said(seed):
     assert thump_db < 15.0 or any("left out" in note for note in got.notes)
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_level__a_knock_little_above_the_loudest_syllables__within_1_db_or_said(seed):
+    rng = np.random.default_rng(900 + seed)
+    samples = spoken(seed, rng.uniform(2.0, 6.0))
+    assert measured(samples).notes == ()
+    level, t = p56(samples, RATE_HZ)[0], np.arange(int(rng.uniform(0.15, 0.4) * RATE_HZ)) / RATE_HZ
+    knock = np.exp(-t / (t[-1] / 9.0)) * np.sin(2 * np.pi * rng.uniform(30.0, 120.0) * t)
+    first = int(rng.uniform(0.0, 0.9) * (samples.size - t.size))
+    samples[first : first + t.size] += 10.0 ** ((level + rng.uniform(16.0, 21.0)) / 20.0) * knock / np.abs(knock).max()
+    got = measured(samples)
+    assert abs(got.level_db - 10.0 * math.log10(2.0) - level) < 1.0 or any("a knock?" in note for note in got.notes)
+
+
 def uneven(seed, seconds=4.0):
     """Speech with words of very different strengths: what is loudest may be no knock."""
     rng, samples = np.random.default_rng(500 + seed), spoken(seed, seconds)

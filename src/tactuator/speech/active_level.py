@@ -23,8 +23,8 @@ OUTSTANDING_DB, FRAME_S = 13.0, 0.025
 TRIMMED_SHARE, MOST_SHARE = 0.1, 0.15
 """A thump may hide all speech from P.56: the first guess is of what the loudest tenth of the frames leaves. More than
 15 % is no exception."""
-NEAR_DB, RAISED_DB, HIDES_DB, FAINT_DB = 11.0, 1.0, 8.0, 45.0
-"""Reported: frames from the first on that raise the level by the second; a loudest tenth without which the level is
+NEAR_DB, RAISED_DB, HIDES_DB, FAINT_DB = 9.5, 0.8, 8.0, 45.0
+"""Reported: frames from the first on that, with the two beside each, raise the level by the second; a loudest tenth without which the level is
 lower by the third, but by less than the last: below it is no speech."""
 LOUDEST_S, WARNED_DB = 0.1, 15.0
 _THRESHOLDS = 2.0 ** np.arange(-40, 31)
@@ -89,7 +89,7 @@ def _notes(above_db: FloatArray, left_out: NDArray[np.bool_], quieter_db: float)
     means = np.convolve(power, np.ones(run) / run, "valid") if len(power) >= run else power
     loudest_db, at_s = float(10.0 * np.log10(means.max(initial=1e-300))), float(np.argmax(means)) * FRAME_S
     counted = np.where(left_out, 0.0, power)
-    near = counted > 10.0 ** (NEAR_DB / 10.0)
+    near = _and_beside(counted > 10.0 ** (NEAR_DB / 10.0))
     raised_db = -10.0 * np.log10(max(1.0 - counted[near].sum() / counted.sum(), 1e-30))
     if left_out.any():
         seconds = FRAME_S * float(left_out.sum())
