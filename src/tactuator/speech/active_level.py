@@ -24,8 +24,8 @@ TRIMMED_SHARE, MOST_SHARE = 0.1, 0.15
 """A thump may hide all speech from P.56: the first guess is of what the loudest tenth of the frames leaves. More than
 15 % is no exception."""
 NEAR_DB, RAISED_DB, HIDES_DB, FAINT_DB = 9.5, 0.8, 8.0, 45.0
-"""Reported: frames from the first on that, with the two beside each, raise the level by the second; a loudest tenth without which the level is
-lower by the third, but by less than the last: below it is no speech."""
+"""Reported: frames from the first on that, with the two beside each, raise the level by the second; a loudest tenth
+without which the level is lower by the third, but by less than the last: below it is no speech."""
 LOUDEST_S, WARNED_DB = 0.1, 15.0
 _THRESHOLDS = 2.0 ** np.arange(-40, 31)
 """P.56 steps by 2; this many, since codings have different scales."""
