@@ -60,7 +60,7 @@ class _ReadThrough(io.FileIO):
         return super().seek(offset, whence)
 
 
-class _Forward(soundfile.SoundFile):
+class _Forward(soundfile.SoundFile):  # type: ignore[misc]  # the library has no types
     """A sound file read from its beginning on: without a length, the library fails to seek where it is at its end."""
 
     def seekable(self) -> bool:
