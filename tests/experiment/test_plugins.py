@@ -1,10 +1,16 @@
 """A procedure and a task of another package: in a protocol, a session, simulated, exported, in results and figures."""
 
 import dataclasses
+import re
+import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
+from sqlalchemy import func, select
 
 from tactuator.api.strength import contours, judged
+from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.experiment.export import export
 from tactuator.experiment.procedure.procedure import GROUP, Playable
@@ -15,10 +21,11 @@ from tactuator.experiment.session.studies import task_of
 from tactuator.experiment.session.task import SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate_kind
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
+from tactuator.experiment.store import schema
 from tactuator.experiment.store.store import opened_store
 from tactuator.experiment.store.stored_runs import detection_runs
 from tactuator.perception.curve import curve
-from tests.experiment.session.apparatuses import PROTOCOL, apparatus
+from tests.experiment.session.apparatuses import PROTOCOL, apparatus, rows_of
 
 SOURCE = '''
 from typing import Annotated
@@ -84,6 +91,44 @@ def test_foreign_procedure__in_a_protocol_file__runs_a_whole_study(store) -> Non
     found = thresholds(detection_runs(store))
     assert [(each.procedure, each.trials) for each in found] == [("weighted", 24)] * len(observers)
     assert all(each.own_db_sl is not None for each in found)
+
+
+@pytest.mark.parametrize(("method", "line"), [("learn", "self.levels.append"), ("estimate", "late = ")])
+def test_foreign_procedure__that_raises__is_named_with_file_and_line_and_loses_no_answer(
+    store, tmp_path, capsys, monkeypatch, method, line
+) -> None:
+    source = SOURCE.replace(f"        {line}", f"        None.of_{method}\n        {line}")
+    (tmp_path / "foreign_laboratory.py").write_text(source)
+    where = 1 + source[: source.index(f"None.of_{method}")].count("\n")
+    said = rf"tactuator\.procedures 'weighted' of foreign_laboratory 1\.0: .*/foreign_laboratory\.py, line {where}: A"
+    text = protocol_text("trials = 24\nstep_db = 2.0").replace("[30, 90, 210]", "[30]")
+    protocol, observers = parse_protocol(text, Protocol), simulated_observers(curve("bolanowski-1988"), 2, seed=5)
+    if method == "learn":
+        with pytest.raises(AttributeError):
+            run_study(store, protocol, text, apparatus(), observers, SystemClock(), "finger")
+    else:
+        run_study(store, protocol, text, apparatus(), observers, SystemClock(), "finger")
+        export(store, tmp_path / "out", "tidy")
+        assert "no-refit" in (tmp_path / "out/thresholds.csv").read_text()
+    answers = (tmp_path / "lab.db").stat().st_size and rows_of(store, select(func.count(schema.response.c.trial_id)))
+    assert answers == [({"learn": 3, "estimate": 52}[method],)]
+    failing = {"learn": lambda runs: runs.record(np.array([True])), "estimate": lambda runs: runs.estimate(0)}[method]
+    command = sys.modules["tactuator.cli.main"]
+    monkeypatch.setattr(command, "build_app", lambda needed: lambda **_: failing(protocol.begin(Playable())))
+    assert main([]) == 70
+    assert re.fullmatch(rf"tactuator: {said}.*\n", capsys.readouterr().err)
+
+
+def test_docs__procedure_of_ones_own__runs_a_study_as_printed(install, store) -> None:
+    page = (Path(__file__).parents[2] / "docs/experiments.md").read_text()
+    example = page.partition("### A procedure of your own")[2].partition("```python\n")[2].partition("```")[0]
+    install(GROUP, "printed", example, "Weighted", package="my_laboratory")
+    text = protocol_text("trials = 24").replace('"weighted"', '"printed"').replace("[30, 90, 210]", "[30]")
+    observers = simulated_observers(curve("bolanowski-1988"), 2, seed=5)
+    run_study(store, parse_protocol(text, Protocol), text, apparatus(), observers, SystemClock(), "finger")
+    found = thresholds(detection_runs(store))
+    assert [(each.procedure, each.trials) for each in found] == [("printed", 24)] * 2
+    assert all(-40.0 < each.own_db_sl < 20.0 for each in found)
 
 
 def test_simulate__each_kind__is_judged_alike_by_its_own_rule(install) -> None:

@@ -6,10 +6,11 @@ from websockets.exceptions import ConnectionClosed
 
 from tactuator.errors import StoreFault
 from tactuator.experiment.store import records, schema
+from tactuator.experiment.words import shipped_words
 from tactuator.web.sockets import CLOSE_ABSENT, CLOSE_FORBIDDEN
-from tests.experiment.session.apparatuses import rows_of
+from tests.experiment.session.apparatuses import PROTOCOL, answer_one, rows_of
 from tests.web.access.mutating import defects, hear_all
-from tests.web.labs import TOKEN, begun, client, joined, lab, make, make_lab, response_count, until  # noqa: F401
+from tests.web.labs import TOKEN, at_pages, begun, client, joined, lab, make, make_lab, response_count, until  # noqa: F401
 
 
 def test_page__asked_for__is_given_or_not_and_every_part_comes_from_this_server(client, caplog, monkeypatch) -> None:
@@ -109,3 +110,89 @@ def test_operator__nonsense_or_a_clock_that_jumps__is_refused_or_noted(client, l
         until(socket, "snapshot")
         until(socket, "snapshot")
     assert rows_of(lab.store, select(schema.event.c.detail)) == [("the wall clock moved by 3600.0 s",)]
+
+
+FACTS = """
+[[demographic]]
+name = "age"
+label = "AGE"
+kind = "number"
+low = 18
+high = 99
+required = true
+[[demographic]]
+name = "hand"
+label = "HAND"
+kind = "choice"
+choices = ["R", "L"]
+[[demographic]]
+name = "note"
+label = "NOTE"
+"""
+
+
+@pytest.mark.parametrize("language", ["de", "en", "fr", "he"])
+def test_operator__field_that_is_not_allowed__is_named_with_what_is_in_the_language_of_the_page(make, language) -> None:
+    words = shipped_words(language)
+    text = PROTOCOL.replace("seed = 7", f'seed = 7\nlanguage = "{language}"')
+    lab = make(text.replace("[[subject]]", "[[subject]]\ndemographics = {age = 30}") + FACTS)
+    enrol, correct = {"type": "enrol", "code": "N1"}, {"type": "correct", "subject": "S1", "reason": "heard wrongly"}
+    void = {"type": "void", "session": 1, "void": True}
+    number, force, trial = {"low": 18, "high": 99}, {"low": 0, "high": 1000}, {"low": 0, "high": 2**31}
+    wrong = [
+        (enrol, "AGE", "number", number),
+        (enrol | {"demographics": {"age": "17"}}, "AGE", "number", number),
+        (enrol | {"demographics": {"age": "1,234"}}, "AGE", "number", number),
+        (correct | {"demographics": {"age": "old"}}, "AGE", "number", number),
+        (correct | {"demographics": {"age": " "}}, "AGE", "number", number),
+        (correct | {"demographics": {"hand": "both"}}, "HAND", "choice", {"choices": "R, L"}),
+        (correct | {"demographics": {"note": "n" * 201}}, "NOTE", "text", {"most": 200}),
+        (enrol | {"code": "N 1"}, words("operator.code"), "code", {}),
+        (enrol | {"group": "?"}, words("operator.group"), "group", {}),
+        (enrol | {"participant_id": "a b"}, words("operator.participant_id"), "participant_id", {}),
+        (correct | {"reason": ""}, words("operator.reason"), "text", {"most": 200}),
+        (void | {"reason": " "}, words("operator.reason"), "text", {"most": 200}),
+        (void | {"reason": "why", "run": 1, "trial": "x"}, words("operator.trial"), "number", trial),
+        ({"type": "day", "session": 1, "preload_n": "0,5 N"}, words("operator.contact_force"), "number", force),
+    ]  # fmt: skip
+    with at_pages(lab, "operator") as (socket,):
+        for message, field, key, values in wrong:
+            socket.send_json(message)
+            allowed = words(f"operator.allowed_{key}", **values)
+            reason = words("operator.refused_field", field=field, allowed=allowed)
+            assert until(socket, "refused")["message"] == words("operator.refused", reason=reason), message
+        socket.send_json(enrol | {"demographics": {"age": "44", "note": "007"}})
+        said = words("codes.number", code="007", value="7")
+        assert until(socket, "done")["message"] == words("operator.enrolled", code="N1", doubts=said)
+        socket.send_json(correct | {"demographics": {"note": "NA"}})
+        assert until(socket, "done")["message"] == words("codes.missing", code="NA")
+
+
+def test_operator__part_made_void_and_restored__is_that_of_the_command_and_closes_the_page_of_the_visit(make) -> None:
+    lab = make(auto_start=False)
+    session = lab.study.session(lab.sessions[0])
+    session.give_consent("")
+    run, _ = answer_one(session, lab.clock), session.stop_run()
+    with at_pages(lab, "operator", "S1") as (socket, subject):
+        until(subject, "stage")
+        for part in ({"run": 1, "trial": 0}, {"run": 1}, {}):
+            for void in (True, False):
+                socket.send_json({"type": "void", "session": 1, "void": void, "reason": "fell asleep", **part})
+                heard = []
+                while not heard or heard[-1]["type"] == "snapshot":
+                    heard.append(socket.receive_json())
+                assert heard[-1] == {"type": "done", "message": ""}
+                key = {"run": None, "trial": None, **part}
+                parts = until(socket, "snapshot")["sessions"][0]["parts"]
+                given = {(each["run"], each["trial"]): each["void"] for each in parts}
+                assert given.get(tuple(key.values())) == ("fell asleep" if void else None), (part, void)
+        until(subject, "elsewhere")
+        events = rows_of(lab.store, select(schema.event.c.kind).where(schema.event.c.kind.in_(("void", "restored"))))
+        assert [kind for (kind,) in events] == ["void", "restored"] * 3
+        for part in ({"run": 1, "trial": 99}, {"void": False}, {"run": 7}):
+            socket.send_json({"type": "void", "session": 1, "void": True, "reason": "again", **part})
+            assert "nothing was changed" in until(socket, "refused")["message"]
+        socket.send_json({"type": "start", "session": 1})
+        socket.send_json({"type": "void", "session": 1, "void": True, "reason": "again"})
+        assert "S1 is at the rig" in until(socket, "refused")["message"]
+    assert run is not None

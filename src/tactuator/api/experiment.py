@@ -198,7 +198,8 @@ def enrol(
         known = records.sessions(opened.connection, opened.id)
     words, codes = shipped_words("en"), {row.subject_code for row in known}
     names = [code, *(name for name in (group, participant_id) if name is not None)]
-    said = () if visit else tuple(doubt for name in names for doubt in doubts(name, codes, words))
+    of_facts = opened.protocol.doubtful_facts(dict(_pairs("--fact", "NAME=VALUE", fact or [])), words)
+    said = () if visit else (*(doubt for name in names for doubt in doubts(name, codes, words)), *of_facts)
     links = {row.visit: f"/s/{row.link_token}" for row in known if row.subject_code == code}
     return EnrolledResult(opened.protocol.study.name, code, links, said)
 

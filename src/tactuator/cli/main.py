@@ -15,6 +15,7 @@ from typer.exceptions import TyperException
 
 from tactuator.cli.app import build_app
 from tactuator.cli.commands import GROUPS, subcommands, top_commands
+from tactuator.entry_points import plugin_fault
 from tactuator.errors import BadInput, Interrupted, TactuatorError, unknown, visible
 
 DONE, BAD_INPUT, OWN_FAULT, INTERRUPTED, TERMINATED = 0, 2, 70, 130, 143
@@ -120,6 +121,9 @@ def _say_what_failed(error: Exception, arguments: Sequence[str]) -> int:
             return DONE
         case OSError():
             return _say(_os_error(error), BAD_INPUT)
+    fault = plugin_fault(error)
+    if fault is not None:
+        return _say(str(fault), fault.exit_status)
     traceback.print_exception(error)
     return OWN_FAULT
 

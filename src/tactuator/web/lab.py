@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TypeVar
 
+from tactuator.entry_points import fault_of
 from tactuator.errors import BadInput, StoreFault, TactuatorError
 from tactuator.experiment.presenter import Halted, Watch
 from tactuator.experiment.session.session import Session
@@ -39,7 +40,8 @@ class Lab:
 
     active: session at the rig. auto_start: True where a subject who comes to a free rig may begin without the operator.
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
-    calls: what the operator should look after, by session. facts: demographic items, by the subject's row.
+    calls: what the operator should look after, by session. facts: demographic items, by the subject's row. voids:
+    reasons, as `void_parts` has them.
     tabs: how the open page of each session learns that another took over; control: the operator's page that has it.
     """
 
@@ -59,7 +61,7 @@ class Lab:
         self._sessions: dict[int, Session] = {}
         self._notes: dict[int, int] = {}
         self._opening = asyncio.Lock()
-        self._rows, self.facts = study.sessions(), study.facts()
+        self._rows, self.facts, self.voids = study.sessions(), study.facts(), study.voids()
 
     @property
     def sessions(self) -> list[Found]:
@@ -81,9 +83,10 @@ class Lab:
 
     async def refresh(self) -> None:
         """Read the study's sessions and subjects anew, after an operator, here or at another station, changed them."""
-        before = self._rows, self.facts
+        before = self._rows, self.facts, self.voids
         self._rows, self.facts = await self.work(self.study.sessions), await self.work(self.study.facts)
-        if (self._rows, self.facts) != before:
+        self.voids = await self.work(self.study.voids)
+        if (self._rows, self.facts, self.voids) != before:
             self.notify()
 
     async def work(self, job: Callable[[], _T]) -> _T:
@@ -101,7 +104,7 @@ class Lab:
             raise LabFault(str(error)) from None
         except Exception as error:
             _LOG.error("a defect", exc_info=error)
-            fault = LabFault(f"{type(error).__name__}: {error}")
+            fault = LabFault(fault_of(error))
             self.tell(str(fault))
             raise fault from None
 
@@ -141,7 +144,7 @@ class Lab:
         with suppress(Exception):
             await asyncio.get_running_loop().run_in_executor(self._worker, self.apparatus.rig.rest)
         self.paused = not self.auto_start
-        fault = RigAtRest(str(error) if isinstance(error, TactuatorError) else f"{type(error).__name__}: {error}")
+        fault = RigAtRest(str(error) if isinstance(error, TactuatorError) else fault_of(error))
         self.tell(str(fault))
         return fault
 
@@ -165,6 +168,13 @@ class Lab:
         stored = await self.work(lambda: self._resumed(row))
         if (stored.trials, stored.ended) != (here.trials, here.ended) or here.stage == "consent":
             self._sessions[row.id] = stored
+
+    async def reopen(self, row: Found) -> None:
+        """Resume a session anew, and close the page that is open for it: a visit that is void asks nothing more."""
+        self._sessions.pop(row.id, None)
+        await self.session(row)
+        if row.id in self.tabs:
+            await self.tabs[row.id]()
 
     def opened(self, session: int) -> Session | None:
         """Return the session if it has been opened, or None."""

@@ -116,7 +116,20 @@ class Day(_Message):
     preload_n: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False), _Typed] | None = None
 
 
-OperatorMessage = Command | Enrol | NewVisit | Correct | Day
+class SetVoid(_Message):
+    """Request of an operator to leave a part of a session out of all results (void), or to take it in again."""
+
+    type: Literal["void"]
+    session: Count
+    run: Count | None = None
+    trial: Annotated[Count, BeforeValidator(lambda value: int(value) if str(value).isdecimal() else value)] | None = (
+        None
+    )
+    void: bool
+    reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+
+
+OperatorMessage = Command | Enrol | NewVisit | Correct | Day | SetVoid
 
 FROM_SUBJECT: TypeAdapter[SubjectMessage] = TypeAdapter(Annotated[SubjectMessage, Field(discriminator="type")])
 FROM_OPERATOR: TypeAdapter[OperatorMessage] = TypeAdapter(Annotated[OperatorMessage, Field(discriminator="type")])

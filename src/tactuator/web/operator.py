@@ -9,27 +9,40 @@ from typing import Any
 
 from fastapi import WebSocket
 
-from tactuator.errors import BadInput, visible
+from tactuator.errors import BadInput, visible, within
 from tactuator.experiment.protocol.codes import doubts
-from tactuator.experiment.protocol.study import SubjectPart
+from tactuator.experiment.protocol.study import Demographic, SubjectPart
 from tactuator.experiment.session.session import Running, RunTally, Session
-from tactuator.experiment.session.studies import Correction
+from tactuator.experiment.session.studies import Correction, StudyRecords
 from tactuator.experiment.store.records import Found
+from tactuator.experiment.store.voids import Part, set_void
 from tactuator.plain import picked
 from tactuator.web.lab import Lab, LabFault
-from tactuator.web.messages import FROM_OPERATOR, Command, Correct, Day, Enrol, NewVisit, OperatorMessage, message_of
+from tactuator.web.messages import (
+    FROM_OPERATOR,
+    Command,
+    Correct,
+    Day,
+    Enrol,
+    NewVisit,
+    OperatorMessage,
+    SetVoid,
+    message_of,
+)
 from tactuator.web.sockets import first_to_end, receive_text, send
 
 _REFRESH_S = 1.0
-_FIELDS = {
-    "code": "operator.code",
-    "group": "operator.group",
-    "participant_id": "operator.participant_id",
-    "reason": "operator.reason",
-    "skin_temperature_c": "operator.skin_temperature",
-    "preload_n": "operator.contact_force",
+_FIELDS: Mapping[str, tuple[str, str, Mapping[str, object]]] = {
+    "code": ("operator.code", "operator.allowed_code", {}),
+    "group": ("operator.group", "operator.allowed_group", {}),
+    "participant_id": ("operator.participant_id", "operator.allowed_participant_id", {}),
+    "reason": ("operator.reason", "operator.allowed_text", {"most": 200}),
+    "skin_temperature_c": ("operator.skin_temperature", "operator.allowed_number", {"low": 0, "high": 50}),
+    "preload_n": ("operator.contact_force", "operator.allowed_number", {"low": 0, "high": 1000}),
+    "trial": ("operator.trial", "operator.allowed_number", {"low": 0, "high": 2**31}),
 }
-"""Text of each field of a form, by its name in a message."""
+"""Text of each field of a form by its name in a message, and of what is allowed there with its values."""
+_FACT = "demographics."
 
 
 class OperatorPage:
@@ -71,15 +84,23 @@ class OperatorPage:
                 text = await receive_text(self.socket)
                 await self._handle(message_of(FROM_OPERATOR, text, "command"))
             except (BadInput, LabFault) as error:
-                field = error.where[-1].rpartition(".")[2] if isinstance(error, BadInput) and error.where else ""
-                words = self.lab.words
-                label = _FIELDS.get(field)
-                reason: object = error
-                if isinstance(error, BadInput) and label is not None:
-                    about = {"field": words(label), "got": error.got, "allowed": error.allowed}
-                    reason = words("operator.refused_field", **about)
-                said = {"message": words("operator.refused", reason=reason), "field": field}
+                place = error.where[-1] if isinstance(error, BadInput) and error.where else ""
+                reason = self._reason(place) or error
+                said = {"message": self.lab.words("operator.refused", reason=reason), "field": place.rpartition(".")[2]}
                 await send(self.socket, {"type": "refused", **said})
+
+    def _reason(self, place: str) -> str:
+        """Return what is allowed in the field of that place of a message, in the page's language; "" for no field."""
+        words, field = self.lab.words, place.rpartition(".")[2]
+        item = next((each for each in self.lab.study.task.protocol.demographic if each.name == field), None)
+        if _FACT in place and item is not None:
+            label, (key, values) = item.label, _allowed_fact(item)
+        elif _FACT not in place and field in _FIELDS:
+            text, key, values = _FIELDS[field]
+            label = words(text)
+        else:
+            return ""
+        return words("operator.refused_field", field=label, allowed=words(key, **values))
 
     async def _handle(self, message: OperatorMessage) -> None:
         if isinstance(message, Command):
@@ -89,12 +110,13 @@ class OperatorPage:
         done = {"type": "done", "message": ""}
         if isinstance(message, Enrol | Correct):
             self._free(message)
-            self._allowed(message.demographics)
+            self._allowed(message)
         if isinstance(message, Enrol):
             part = SubjectPart(**picked(message, "code", "group", "participant_id", "demographics"))
             codes = [row.subject_code for row in self.lab.sessions]
             await self.lab.change(self.who, lambda study: study.enrol(part))
-            if found := "; ".join(doubts(message.code, codes, self.lab.words)):
+            of_facts = self.lab.study.task.protocol.doubtful_facts(message.demographics, self.lab.words)
+            if found := "; ".join((*doubts(message.code, codes, self.lab.words), *of_facts)):
                 done["message"] = self.lab.words("operator.enrolled", code=message.code, doubts=found)
         elif isinstance(message, NewVisit):
             await self.lab.change(self.who, lambda study: study.add_visit(message.subject))
@@ -103,21 +125,43 @@ class OperatorPage:
             if given == Correction():
                 raise BadInput(self.lab.words("operator.refused_same"))
             await self.lab.change(self.who, lambda study: study.correct(message.subject, given, message.reason))
+            of_facts = self.lab.study.task.protocol.doubtful_facts(message.demographics, self.lab.words)
+            done["message"] = "; ".join(of_facts)
+        elif isinstance(message, SetVoid):
+            await self._void(message)
         else:
             await self._day(message)
         await self.lab.refresh()
         await send(self.socket, done)
 
-    def _allowed(self, facts: Mapping[str, str]) -> None:
-        """Refuse a fact that is not allowed, by the name that the page has for it."""
+    def _allowed(self, message: Enrol | Correct) -> None:
+        """Refuse a fact that is not allowed, or is required of a new subject and not given, with its place."""
         protocol = self.lab.study.task.protocol
-        labels = {item.name: item.label for item in protocol.demographic}
-        for name, value in facts.items():
-            try:
-                protocol.fact(name, value)
-            except BadInput as error:
-                about = {"field": labels.get(name, name), "got": error.got, "allowed": error.allowed}
-                raise BadInput(self.lab.words("operator.refused_field", **about)) from None
+        new = {item.name: "" for item in protocol.demographic if item.required and isinstance(message, Enrol)}
+        for name, value in (new | message.demographics).items():
+            with within("command", f"{_FACT}{name}"):
+                try:
+                    protocol.fact(name, value)
+                except BadInput as error:
+                    error.where = ()
+                    raise
+
+    async def _void(self, message: SetVoid) -> None:
+        row = next((each for each in self.lab.sessions if each.id == message.session), None)
+        if row is None:
+            raise BadInput(f"session {message.session} is not of this study", "one that is")
+        if self.lab.active == row.id:
+            raise BadInput(self.lab.words("operator.refused_at_rig", subject=row.subject_code))
+        part, about = Part(row.visit, message.run, message.trial), (message.void, message.reason)
+
+        def change(study: StudyRecords) -> None:
+            set_void(study.connection, study.id, row.subject_code, part, *about, study.now, study.who)
+
+        try:
+            await self.lab.change(self.who, change)
+        except BadInput:
+            raise BadInput(self.lab.words("operator.refused_void")) from None
+        await self.lab.reopen(row)
 
     def _free(self, message: Enrol | Correct) -> None:
         """Refuse, in the page's language, a code or an id that is already taken."""
@@ -214,8 +258,35 @@ class OperatorPage:
             "demographics": {name: visible(text) for name, text in self.lab.facts.get(row.subject_id, {}).items()},
             "link": f"/s/{row.link_token}",
             "here": row.id in self.lab.tabs,
+            "parts": self._parts(row, session),
             **(_NOT_OPENED if session is None else _state(session)),
         }
+
+    def _parts(self, row: Found, session: Session | None) -> list[dict[str, Any]]:
+        """Return what of a visit can be void: all of it, each of its runs, and each trial that is; with the reason."""
+        words, mine = self.lab.words, {key[1:]: why for key, why in self.lab.voids.items() if key[0] == row.id}
+        tally = () if session is None else session.tally
+        titles = {run.row: run.planned.title for run in tally if run.row is not None}
+        numbers = [(None, None), *((run, None) for run in titles), *(key for key in mine if key[1] is not None)]
+        parts = []
+        for run, trial in numbers:
+            title = words("operator.whole_visit") if run is None else f"{run}: {titles.get(run, '')}"
+            title += "" if trial is None else f", {words('operator.trial')} {trial}"
+            parts.append({"run": run, "trial": trial, "title": title, "void": mine.get((run, trial))})
+        return parts
+
+
+def _allowed_fact(item: Demographic) -> tuple[str, dict[str, object]]:
+    """Return the text of what is allowed in an item, with its values."""
+    if item.kind == "choice":
+        return "operator.allowed_choice", {"choices": ", ".join(item.choices)}
+    if item.kind == "text":
+        return "operator.allowed_text", {"most": 200}
+    low, high = (
+        ("-\u221e" if item.low is None else f"{item.low:g}"),
+        ("\u221e" if item.high is None else f"{item.high:g}"),
+    )
+    return "operator.allowed_number", {"low": low, "high": high}
 
 
 _RIG = {"display": "controller.display.name", "rate_hz": "rig.rate_hz", "channels": "rig.channels"}

@@ -95,12 +95,16 @@ class SubjectTab:
             lab.notify()
 
     @asynccontextmanager
-    async def _reporting(self, session: Session | None = None) -> AsyncIterator[None]:
-        """Send the page what is refused in the block, and a fault. session: its trial is then repeated."""
+    async def _reporting(self, session: Session | None = None, what: str = "") -> AsyncIterator[None]:
+        """Send the page what is refused in the block, and a fault. session: its trial is then repeated.
+
+        what: text of the page on what is allowed; without one the page shows nothing, and only a program reads why.
+        """
         try:
             yield
         except BadInput as error:
-            await self._send(type="refused", message=str(error))
+            said = self.lab.words(f"page.{what}") if what else ""
+            await self._send(type="refused", message=str(error), said=said)
             if session is not None and session.pending is not None:
                 await self._ask(session.pending[0])
         except LabFault as fault:
@@ -142,7 +146,8 @@ class SubjectTab:
             said: Consent | Decline = await self._next_of(Consent, Decline)
             if isinstance(said, Consent):
                 name = said.name
-                await self._work(lambda: session.give_consent(name))
+                async with self._reporting(what="refused_name"):
+                    await self.lab.work(lambda: session.give_consent(name))
             else:
                 await self._work(session.decline)
         else:
@@ -270,7 +275,8 @@ class SubjectTab:
             message.lit_ms,
             incoming.received_s,
         )
-        async with self._reporting(session):
+        numbers = session.pending is not None and not session.task.question.choices
+        async with self._reporting(session, "refused_number" if numbers else ""):
             acknowledged = await self.lab.work(lambda: self._save(session, message, answer))
             self.lab.tell(None)
             self.lab.hold(session)

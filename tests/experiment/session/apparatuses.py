@@ -18,6 +18,7 @@ from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.trial import Trial
+from tactuator.experiment.words import shipped_words
 from tactuator.model.controller import Controller
 from tactuator.rig.simulated import SimulatedRig
 
@@ -105,7 +106,9 @@ def begin(store: Store, clock: ObedientClock, text: str = PROTOCOL, subject: int
 
 
 def opened_study(store: Store, clock: ObedientClock, text: str = PROTOCOL, amend: str | None = None) -> Study:
-    return open_study(store, DetectionTask(parse_protocol(text, Protocol), apparatus()), text, clock, token, amend)
+    protocol = parse_protocol(text, Protocol)
+    task = DetectionTask(protocol, apparatus(), words=shipped_words(protocol.study.language))
+    return open_study(store, task, text, clock, token, amend)
 
 
 def rows_of(store: Store, query) -> list:

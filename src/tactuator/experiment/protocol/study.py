@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Annotated, Literal
 
@@ -164,9 +164,17 @@ class StudyProtocol:
         codes = [subject.code for subject in self.subject]
         for subject in self.subject:
             yield from doubts(subject.code, codes, shipped_words("en"))
+            yield from self.doubtful_facts(subject.demographics, shipped_words("en"))
         others = {name for subject in self.subject for name in (subject.group, subject.participant_id) if name}
+        others |= {choice for item in self.demographic for choice in item.choices}
         for name in sorted(others):
             yield from doubts(name, others, shipped_words("en"))
+
+    def doubtful_facts(self, given: Mapping[str, str | float], words: Words) -> Iterator[str]:
+        """Yield what other programs make of facts that are texts."""
+        for item in self.demographic:
+            if item.kind == "text" and given.get(item.name, "") != "":
+                yield from doubts(str(given[item.name]).strip(), (), words)
 
     def faults(self) -> Iterator[BadInput]:
         """Yield every reason why nobody's runs can come to a result, so that nobody is to sit down for them."""

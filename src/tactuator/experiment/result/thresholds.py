@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactuator.arrays import FloatArray
+from tactuator.entry_points import plugin_fault
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.procedure import Estimate, Playable
 from tactuator.experiment.procedure.refit import ALIKE_DB, RefitPrior, refit
@@ -152,9 +153,12 @@ def _each_fitted(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold] | st
         if runs[0].protocol.procedure.chooses_frequency:
             return [_whole_curve(run) for run in runs]
         return [*_at_one_frequency(runs)]
-    except (ValueError, ArithmeticError, LookupError) as error:  # also of another package's procedure
+    except Exception as error:
+        fault = None if isinstance(error, BadInput) else plugin_fault(error)
+        if fault is None and not isinstance(error, ValueError | ArithmeticError | LookupError):
+            raise
         if len(runs) == 1:
-            return [str(error)]
+            return [str(fault or error)]
         middle = len(runs) // 2
         return [*_each_fitted(runs[:middle]), *_each_fitted(runs[middle:])]
 

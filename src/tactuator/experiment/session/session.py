@@ -73,12 +73,13 @@ class Acknowledged:
 
 @dataclass
 class RunTally:
-    """Progress of a planned run, of several attempts the last; state: as in the store, or `planned`."""
+    """Progress of a planned run, of several attempts the last; state: as in the store, or `planned`; row: there."""
 
     planned: PlannedRun
     state: str = "planned"
     answered: int = 0
     correct: int = 0
+    row: int | None = None
 
     @property
     def over(self) -> bool:
@@ -170,7 +171,7 @@ class Session:
         self._rested_since_s = self.clock.monotonic_s() - (0.0 if last is None else max(self._since_s(last), 0.0))
         for run in runs:
             tally, answered = self.tally[run.position], tallies.get(run.id)
-            tally.state = run.state
+            tally.state, tally.row = run.state, run.id
             if answered is not None:
                 tally.answered, tally.correct = int(answered.answered), int(answered.right)
         for tally in self.tally:
@@ -296,7 +297,7 @@ class Session:
             row = records.begin_run(connection, self.id, planned, attempt, apparatus, self.visit, self.version, now)
             records.change_session(connection, self.id, protocol_version_id=self.version)
         tally = self.tally[planned.position]
-        tally.state, tally.answered, tally.correct = "running", 0, 0
+        tally.state, tally.answered, tally.correct, tally.row = "running", 0, 0, row
         self._running = self._new_running(row, planned, attempt)
         return self._running
 

@@ -28,6 +28,7 @@ from tactuator.experiment.session.tone_task import DetectionTask, JudgingTask
 from tactuator.experiment.store import records
 from tactuator.experiment.store.records import Change, Found, Tokens, Visit, note, stamp
 from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.voids import void_parts
 from tactuator.experiment.words import read_words, shipped_words
 
 
@@ -292,6 +293,11 @@ class Study:
     def records_in(self, connection: Connection, who: str) -> StudyRecords:
         """Return the study's records in a transaction that is open."""
         return StudyRecords(connection, self.id, self.task.protocol, self.tokens, self.clock.utc(), who)
+
+    def voids(self) -> dict[tuple[int, int | None, int | None], str]:
+        """Return why visits, runs and trials are void, as `void_parts` does."""
+        with self.store.read() as connection:
+            return void_parts(connection)
 
     def facts(self) -> dict[int, dict[str, str]]:
         """Return the demographic items of subjects by their row and the item's name."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, Table, delete, insert, select
+from sqlalchemy import Connection, Table, delete, func, insert, select
 
 from tactuator.errors import BadInput
 from tactuator.experiment.store import schema
@@ -90,6 +90,16 @@ def _place(connection: Connection, study: int, code: str, part: Part) -> tuple[F
 def is_void(connection: Connection, session: int) -> bool:
     """Return whether the whole visit is void."""
     return connection.execute(select(schema.void.c.id).where(schema.void.c.session_id == session)).first() is not None
+
+
+def void_parts(connection: Connection) -> dict[tuple[int, int | None, int | None], str]:
+    """Return why a part is void, by its session, its run (None: the whole visit) and its trial (None: all of them)."""
+    run, trial, void = schema.run, schema.trial, schema.void
+    of = void.outerjoin(trial, void.c.trial_id == trial.c.id)
+    of = of.outerjoin(run, run.c.id == func.coalesce(void.c.run_id, trial.c.run_id))
+    session = func.coalesce(void.c.session_id, run.c.session_id)
+    query = select(session, run.c.id, trial.c.number, void.c.reason).select_from(of).order_by(void.c.id)
+    return {(visit, of_run, number): reason for visit, of_run, number, reason in connection.execute(query)}
 
 
 def void_reasons(connection: Connection) -> dict[tuple[int, int | None], str]:

@@ -33,16 +33,13 @@ class Choices {
     return button;
   }
 
-  // Returns a form that takes a number above zero, with a point or a comma, and gives it by Enter.
+  // Returns a form that takes a number and gives it by Enter; the server reads it, and what it refuses stays to be mended.
   field(chosen) {
     const input = make("input", { type: "text", inputmode: "decimal", autocomplete: "off", maxlength: "12", "aria-label": word("number") });
     const form = make("form", { class: "number" }, input, make("button", { type: "submit" }, word("enter")));
     form.onsubmit = (event) => {
       event.preventDefault();
-      const text = input.value.trim(), thousands = /^[1-9][0-9]{0,2},[0-9]{3}$/.test(text);
-      const good = /^[0-9]*[.,]?[0-9]+$/.test(text) && !thousands && Number(text.replace(",", ".")) > 0;
-      input.setAttribute("aria-invalid", String(!good));
-      if (good && !input.readOnly) chosen(text);
+      if (!input.readOnly) chosen(input.value.trim());
     };
     return form;
   }
@@ -61,13 +58,18 @@ class Choices {
     const input = this.number.firstElementChild;
     input.readOnly = !yes;
     this.number.lastElementChild.setAttribute("aria-disabled", String(!yes));
-    if (yes) { input.value = ""; input.focus(); }
+    if (yes) input.focus();
   }
 
   light(interval) { this.intervals.forEach((cue, index) => cue.classList.toggle("lit", index === interval)); }
 
   // Lights the visual cue while a trial plays whose intervals are not shown.
-  playing(on) { if (this.intervals.length === 0) for (const cue of this.cues) cue.classList.toggle("lit", on); }
+  playing(on) {
+    if (on && this.number !== null) { this.number.firstElementChild.value = ""; this.valid(true); }
+    if (this.intervals.length === 0) for (const cue of this.cues) cue.classList.toggle("lit", on);
+  }
+
+  valid(yes) { this.number.firstElementChild.setAttribute("aria-invalid", String(!yes)); }
 
   mark(response, name) { if (this.buttons.has(response)) this.buttons.get(response).classList.add(name); }
 

@@ -56,4 +56,21 @@ function correctionForm(session, items, saved) {
   return form;
 }
 
+// Leaves a visit, a run or a trial out of all results, or takes it in again; both are asked once more.
+function voidForm(session, saved) {
+  const title = (part) => (part.void === null ? part.title : `${part.title} (${word("is_void", { reason: part.void })})`);
+  const part = make("select", {}, ...session.parts.map((each, index) => make("option", { value: index }, title(each))));
+  const trial = make("input", { name: "trial", inputmode: "numeric", maxlength: 9 }), reason = make("input", { name: "reason", required: "", maxlength: 200 });
+  const form = make("form", { class: "day", "data-void": session.subject }, make("b", {}, word("void_title")), make("label", {}, word("void_part"), " ", part),
+    make("label", {}, word("void_trial"), " ", trial), make("label", {}, word("reason"), " ", reason),
+    make("button", { type: "submit", value: "void" }, word("void")), make("button", { type: "submit", value: "restore" }, word("restore")));
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    const leaves = event.submitter.value === "void", chosen = session.parts[part.value], number = trial.value.trim() === "" ? chosen.trial : trial.value.trim();
+    const what = { subject: session.subject, part: number === null || number === chosen.trial ? chosen.title : `${chosen.title}, ${word("trial")} ${number}` };
+    if (confirm(word(leaves ? "void_sure" : "restore_sure", what))) saved({ type: "void", session: session.id, run: chosen.run, trial: number, void: leaves, reason: reason.value });
+  };
+  return form;
+}
+
 const under = (...forms) => make("tr", { class: "under" }, make("td", { colspan: 11 }, ...forms));

@@ -20,7 +20,7 @@ function openOperator(token, gone = () => banner(word("lost"))) {
       else {
         accepted = () => {};
         say(message.message);
-        for (const one of document.querySelectorAll("form [name]")) one.setAttribute("aria-invalid", String(one.name === message.field));
+        for (const one of document.querySelectorAll("form :is([name], [data-demographic])")) one.setAttribute("aria-invalid", String((one.name || one.dataset.demographic) === message.field));
       }
     },
     (socket) => { socket.send(token); banner(""); },
@@ -79,7 +79,7 @@ function sessionRows(session, snapshot) {
   const heads = el("sessions").parentElement.tHead.rows[0].cells; // on a phone each cell has its own
   for (const cell of made.cells) cell.dataset.head = heads[cell.cellIndex].textContent;
   const saved = (message) => { accepted = () => { dayOf = null; shown = ""; }; link.send(message); };
-  return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved))] : [made];
+  return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved), voidForm(session, saved))] : [made];
 }
 
 const runRow = (run) => row(run.title, named("state", run.state),

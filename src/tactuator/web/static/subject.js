@@ -110,7 +110,12 @@ const handlers = {
     if (page.unsaved !== null) setTimeout(() => page.unsaved !== null && link.send(page.unsaved), 1500);
     else { page.going = false; page.asked = false; setPending(null); show(); } // the rig failed, and the subject says when to go on
   },
-  refused() { page.unsaved = null; page.asked = false; setPending(null); },
+  refused(message) {
+    page.unsaved = null; page.asked = false; setPending(null);
+    if (message.said === "") return;
+    banner(message.said);
+    if (page.choices.number !== null) page.choices.valid(false);
+  },
   elsewhere() {
     page.over = true;
     setPending(null);
