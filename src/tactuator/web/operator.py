@@ -276,7 +276,7 @@ class OperatorPage:
         return parts
 
 
-def _allowed_fact(item: Demographic) -> tuple[str, dict[str, object]]:
+def _allowed_fact(item: Demographic) -> tuple[str, Mapping[str, object]]:
     """Return the text of what is allowed in an item, with its values."""
     if item.kind == "choice":
         return "operator.allowed_choice", {"choices": ", ".join(item.choices)}
