@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from tactuator.arrays import FloatArray
 from tactuator.identification.lines import LocalResponse, Spectrum
@@ -56,11 +57,10 @@ def _triangle(taken: Sequence[Spectrum], order: int) -> FloatArray:
     lags = np.arange(order + 1)
     shared = np.zeros((2, 2, 2 * order + 1))
     for part in taken:
-        lines = np.fft.rfft(
-            [part.measured, part.samples_of(np.concatenate([[0.0], part.command[1:]]))], 2 * part.samples
-        )
+        size = scipy.fft.next_fast_len(part.samples + order, real=True)
+        lines = np.fft.rfft([part.measured, part.samples_of(np.concatenate([[0.0], part.command[1:]]))], size)
         for i, j in np.ndindex(2, 2):
-            shared[i, j] += np.fft.irfft(np.conj(lines[i]) * lines[j])[np.arange(-order, order + 1)]
+            shared[i, j] += np.fft.irfft(np.conj(lines[i]) * lines[j], size)[np.arange(-order, order + 1)]
     # share of white noise that keeps the products positive definite (-120 dB)
     shared[[0, 1], [0, 1], order] *= 1.0 + 1e-12
     # products of y(t - 1), u(t - 1), y(t - 2), ..., and of each with y(t)

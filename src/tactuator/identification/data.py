@@ -49,14 +49,14 @@ from the records' own, in their errors, from which on a loop may be why: 1.13 at
 class Data:
     """What a model is fitted to: a response, or the records that show one.
 
-    local: frequencies, values and their variance. signals, spectra: samples and lines of each record (none of a
-    response by itself).
-    weight: one over the deviation of each value, where it is known; of a record it comes from the residual. late_s:
-    about how much later than the command the position begins to answer. kind: the problem that a fit solves. in_loop:
-    whether the response is one that a loop leaves unbiased, of which poles may grow.
+    given_local: frequencies, values and their variance; None: those that the records show. signals, spectra:
+    samples and lines of each record (none of a response by itself). weight: one over the deviation of each value,
+    where it is known; of a record it comes from the residual. late_s: about how much later than the command the
+    position begins to answer. kind: the problem that a fit solves. in_loop: whether the response is one that a loop
+    leaves unbiased, of which poles may grow.
     """
 
-    local: LocalResponse
+    given_local: LocalResponse | None
     rate_hz: float
     signals: Signals = ()
     spectra: tuple[Spectrum, ...] = ()
@@ -65,6 +65,11 @@ class Data:
     kind: type[SpectralProblem] = SpectralProblem
     in_loop: bool = False
     skewed: bool = True
+
+    @cached_property
+    def local(self) -> LocalResponse:
+        """Return the response that is fitted to, or that the records show by themselves."""
+        return self.given_local or local_of(self.spectra, self.rate_hz)
 
     @property
     def may_be_skewed(self) -> bool:
@@ -117,12 +122,12 @@ class Data:
             return None
         spread = causal.variance + plain.variance + (_AS_GOOD * np.abs(causal.value)) ** 2
         departs = float(np.mean(np.abs(causal.value - plain.value) ** 2 / spread)) > _DEPARTS
-        return replace(self, local=causal, in_loop=True) if suspected or departs else None
+        return replace(self, given_local=causal, in_loop=True) if suspected or departs else None
 
     def with_commands(self, signals: Signals) -> Data:
         """Return the data of the same positions under other commands."""
         spectra = tuple(was.under(command) for was, (command, _) in zip(self.spectra, signals, strict=True))
-        return replace(self, signals=signals, spectra=spectra, local=local_of(spectra, self.rate_hz))
+        return replace(self, signals=signals, spectra=spectra, given_local=None)
 
     def read_later(self, delay_s: float) -> Data:
         """Return the data with the positions read as much later as a dead time, but a sample.
@@ -135,7 +140,7 @@ class Data:
         shift = abs(spectra[0].shift - self.spectra[0].shift)
         if shift == 0:
             return self
-        return replace(self, spectra=spectra, local=local_of(spectra, self.rate_hz) if shift > _LATE else self.local)
+        return replace(self, spectra=spectra, given_local=None if shift > _LATE else self.local)
 
 
 def response_of(signals: Signals, rate_hz: float) -> Data:
@@ -143,7 +148,7 @@ def response_of(signals: Signals, rate_hz: float) -> Data:
     whole = tuple(spectrum(command, position, rate_hz) for command, position in signals)
     arrival = _arrival(whole[0])
     taken = tuple(spectrum(*pair, rate_hz, arrival) for pair in signals) if arrival > _LATE else whole
-    return Data(local_of(taken, rate_hz), rate_hz, signals, taken, late_s=arrival / rate_hz)
+    return Data(None, rate_hz, signals, taken, late_s=arrival / rate_hz)
 
 
 def response_of_periods(local: LocalResponse, signals: Signals, rate_hz: float) -> Data:

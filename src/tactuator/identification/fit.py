@@ -15,7 +15,7 @@ import numpy as np
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.identification.data import Data, Signals, local_of, spectra_read_late
+from tactuator.identification.data import Data, Signals, spectra_read_late
 from tactuator.identification.form import Known, is_stable
 from tactuator.identification.hold import Hold
 from tactuator.identification.likelihood import SpectralFit
@@ -337,7 +337,7 @@ def estimate_of_model(fit: SpectralFit, signals: Signals) -> SpectralEstimate:
     taken = spectra_read_late(signals, rate_hz, fit.delay_s)
     choice, data = (
         choice_of_model(fit, taken, HIGHEST * rate_hz),
-        Data(local_of(taken, rate_hz), rate_hz, signals, taken),
+        Data(None, rate_hz, signals, taken),
     )
     return SpectralEstimate(choice, None, True, np.inf, CERTAIN, data, record_residual(choice, taken))
 
@@ -367,7 +367,7 @@ def by_reference(taken: Spectrum, reference: FloatArray) -> Spectrum:
     early = reference[: taken.samples]
     driver = np.fft.rfft(early - early.mean()) / np.sqrt(taken.samples)
     command = taken.command.copy()
-    for begin, end in band_edges(taken, 1, taken.command.size, _SHARE, _FEWEST, widest=1.0):
+    for begin, end in band_edges(taken.samples, 1, taken.command.size, _SHARE, _FEWEST, widest=1.0):
         place = np.linspace(-1.0, 1.0, end - begin)
         shape = np.stack([np.ones_like(place), place, place * place], axis=1)
         columns = np.hstack([driver[begin:end, None] * shape, shape])

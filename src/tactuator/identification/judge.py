@@ -82,12 +82,7 @@ def identification(
     chosen, other = estimate.chosen, None
     residuals = estimate.residuals or residuals_of_model(chosen.fit, estimate.spectra, 0.5 * common.rate_hz)
     tests = _tests(estimate, residuals, distortion, fitted=fitted)
-    friction = None
-    if friction_fit is not None:
-        beyond_chance = _beyond_chance(tests, common)
-        friction = friction_of(friction_fit, beyond_chance, common)
-        # the band knows of the level no more than the level's own interval does
-        friction_fit = friction_fit.within(friction.confidence / common.scale[0], beyond_chance)
+    friction, friction_fit = (None, None) if friction_fit is None else _friction(friction_fit, tests, common)
     model = _model(common, estimate, chosen, distortion, friction_fit)
     bent = distortion_left(residuals, model.excess.frequency_hz)
     if bent[0] > 0.0 or (friction is not None and friction.confidence > _VAGUE * friction.coulomb):
@@ -174,6 +169,15 @@ def _beyond_chance(tests: ResidualTests, common: Prepared) -> float:
     """
     count = sum(command.size for command, _ in common.signals)
     return 1.0 if tests.uncorrelated_with_input else max(1.0, tests.unexplained * count / _DEGREES)
+
+
+def _friction(friction_fit: FrictionFit, tests: ResidualTests, common: Prepared) -> tuple[Friction, FrictionFit]:
+    """Return friction in the record's units, and its fit with a band that knows of the level no more than the level's
+    own interval does.
+    """
+    beyond_chance = _beyond_chance(tests, common)
+    friction = friction_of(friction_fit, beyond_chance, common)
+    return friction, friction_fit.within(friction.confidence / common.scale[0], beyond_chance)
 
 
 def friction_of(friction_fit: FrictionFit, beyond_chance: float, common: Prepared) -> Friction:

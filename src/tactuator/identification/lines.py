@@ -197,13 +197,14 @@ def points(frequency_hz: FloatArray, response: ComplexArray, rate_hz: float) -> 
     )
 
 
+@lru_cache(maxsize=4)  # a record's next estimate asks for them
 def band_edges(
-    taken: Spectrum, first: int, last: int, share: float, fewest: int, widest: float = _WIDEST
+    samples: int, first: int, last: int, share: float, fewest: int, widest: float = _WIDEST
 ) -> list[tuple[int, int]]:
     """Return (begin, end) of bands over lines first .. last - 1, `share` of their frequency wide, `fewest` lines."""
     bands, k = [], first
     while k < last:
-        width = max(fewest, int(min(share * k, widest * taken.samples)))
+        width = max(fewest, int(min(share * k, widest * samples)))
         end = min(k + width, last)
         bands.append((k, last if last - end < fewest else end))
         k = bands[-1][1]
@@ -215,7 +216,7 @@ def equations(taken: Spectrum) -> Equations:
     last = min(int(np.floor(0.5 * taken.rate_hz / taken.spacing_hz + 1e-9)) + 1, (taken.samples + 1) // 2)
     singles: list[tuple[int, int]] = []
     bands: list[tuple[int, int]] = []
-    for begin, end in band_edges(taken, 1, last, 0.01, _FEWEST, _WIDEST_TURNED_BACK):
+    for begin, end in band_edges(taken.samples, 1, last, 0.01, _FEWEST, _WIDEST_TURNED_BACK):
         (bands if end - begin > _FEWEST + NODES else singles).append((begin, end))
     kept = np.concatenate([np.arange(*single) for single in singles] or [np.zeros(0, dtype=np.int64)])
     triangle, ends = _triangles(taken, bands, _lagrange), np.array(bands, dtype=np.float64).reshape(-1, 2)
@@ -279,7 +280,7 @@ def local_response(taken: Spectrum, high_hz: float) -> LocalResponse:
     surest: where a band has one sine, the response is known at that sine alone. The position's shift is put back.
     """
     last = min(int(high_hz / taken.spacing_hz) + 1, (taken.samples + 1) // 2)
-    bands = [band for band in band_edges(taken, 2, last, 0.02, 13) if band[1] - band[0] >= 2 * NODES + 2]
+    bands = [band for band in band_edges(taken.samples, 2, last, 0.02, 13) if band[1] - band[0] >= 2 * NODES + 2]
     triangle = _triangles(taken, bands, _powers)
     size = np.abs(np.diagonal(triangle[:, :-1, :-1], axis1=1, axis2=2))
     least, most = size.min(axis=1, initial=np.inf), size.max(axis=1, initial=0.0)
