@@ -89,8 +89,8 @@ def test_identify__plant_that_only_the_loop_holds__is_believed_with_a_reference(
 
 @pytest.mark.parametrize(
     ("seed", "verdict"),
-    [(13, "ok"), (16, "ok"), (119, "distrusted")],
-    ids=["slow force", "loop that leaves no trace", "dead time that the noise feigns"],
+    [(13, "ok"), (16, "ok"), (119, "distrusted"), (2, "ok")],
+    ids=["slow force", "loop that leaves no trace", "dead time that the noise feigns", "quick growth"],
 )
 def test_identify__drawn_plant_that_only_the_loop_holds__band_holds_the_truth(seed: int, verdict: str) -> None:
     assert judged(seed, True)[:2] == (verdict, True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.identification.data import mean_of_lines
@@ -86,9 +87,14 @@ def check_record_residual(
     may the command have followed what disturbed before?
     """
     taken, residual = of_lines.taken, of_lines.taken.measured - of_lines.simulated
-    growing = fit.poles_rad_s[fit.poles_rad_s.real > 0.0]
-    grown = np.atleast_1d(np.poly(np.exp(growing / taken.rate_hz))).real  # a growing pole's noise is predicted, too
-    whitener = np.convolve(whitening_filter(apply_filter(grown, residual), _LONG if in_loop else _SHORT), grown)
+    grown = _growing_factor(fit, taken.rate_hz)  # a growing pole's noise is predicted, too
+    if in_loop:
+        # a step at the record's ends, up to 90 innovations high, is no colour of the noise
+        within = apply_filter(grown, residual)[_ENDS:-_ENDS]
+        own = whitening_filter(within * scipy.signal.windows.tukey(within.size, _TAPER), _LONG)
+    else:
+        own = whitening_filter(apply_filter(grown, residual), _SHORT)
+    whitener = np.convolve(own, grown)
     skip = whitener.size + 1
     tested = slice(skip, skip + _TESTED)
     innovation = apply_filter(whitener, residual)[skip:]
@@ -102,6 +108,10 @@ def check_record_residual(
         lines = np.zeros((free.shape[1], taken.command.size), dtype=np.complex128)
         np.multiply(free.T, white, out=lines[:, 1:])
         slopes = np.fft.irfft(lines, taken.samples)[:, tested].T
+        if grown.size > 1 and fit.form.gain is None:
+            # the factor moves with the pole: without that, a slope would know of the noise to come
+            for k, turned in enumerate(_growing_slopes(fit, taken.rate_hz), fit.numerator.size):
+                slopes[:, k] -= apply_filter(np.convolve(own, turned), residual)[tested]
     if in_loop:  # what the innovation's own past explains is not the command's
         slopes = np.hstack([slopes, time_scales(innovation[:_TESTED], taken.rate_hz).T])
     tests = check_residual(innovation[:_TESTED], moved, slopes, taken.rate_hz)
@@ -109,6 +119,21 @@ def check_record_residual(
     jump = None if jump is None else jump + skip + taken.shift
     feedback = None if tests.is_misfit else feedback_seen(of_lines, fit.grid.hold)
     return replace(tests, feedback=feedback, knock=knock, jump=jump)
+
+
+def _growing_factor(fit: SpectralFit, rate_hz: float) -> FloatArray:
+    """Return the factor of the sampled denominator that has the growing poles, (1 + growing,)."""
+    poles = fit.poles_rad_s
+    return np.atleast_1d(np.poly(np.exp(poles[poles.real > 0.0] / rate_hz))).real
+
+
+def _growing_slopes(fit: SpectralFit, rate_hz: float) -> Iterator[FloatArray]:
+    """Yield the change of that factor by each of theta, (1 + growing,)."""
+    for k in range(fit.theta.size):
+        step = np.zeros(fit.theta.size)
+        step[k] = 1e-6 * max(abs(float(fit.theta[k])), 1e-9)
+        ahead = _growing_factor(replace(fit, theta=fit.theta + step), rate_hz)
+        yield (ahead - _growing_factor(fit, rate_hz)) / step[k]
 
 
 def line_residual(fit: SpectralFit, given: Equations, weight: FloatArray, taken: Spectrum) -> Residual:
@@ -170,6 +195,9 @@ def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple
 
 _SHORT, _LONG = 40, 200
 """Highest order of a whitening filter, samples; where a loop may be, the slow end of what disturbs matters too."""
+_ENDS, _TAPER = 20, 0.1
+"""Samples at either end of a record that a fit gave up, with those of a filter over them; share of the rest that a
+window lets fade in and out."""
 _TESTED = 1 << 17
 """Samples by which a residual is tested: more would see what no band is narrow enough for."""
 _LENGTHS = (2, 5, 10, 20, 40)
