@@ -375,6 +375,15 @@ def test_units__of_a_record__are_taken_from_names_rows_and_options(tmp_path: Pat
         assert (read.command_unit, read.position_unit) == expected
 
 
+@pytest.mark.parametrize("command", ["torque_nm", "Torque (nm)", "motor_moment_nm"])
+def test_units__torque_in_small_letters__is_in_newton_metres(tmp_path: Path, command: str) -> None:
+    path = tmp_path / "torque.csv"
+    rows = "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(200))
+    path.write_text(f"time_s,{command},position_nm\n{rows}")
+    read = read_record(path, input=command, output="position_nm")
+    assert (read.command_unit, read.position_unit) == ("Nm", "nm")
+
+
 def test_table__over_2_gib__is_refused_unread(tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "r.csv"
     with path.open("wb") as file:

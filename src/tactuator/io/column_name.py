@@ -147,6 +147,8 @@ def column_name(text: str, stated: str = "") -> ColumnName:
         if unit is None:
             raise
         named = ColumnName(text, text)
+    if named.has("torque", "moment") and named.unit.text == "nm":
+        named = replace(named, unit=_UNITS["Nm"])  # no nanometres
     if unit is None:
         return named
     # a name may end in one letter that is no unit
