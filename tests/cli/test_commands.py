@@ -301,8 +301,8 @@ def test_main__own_fault__shows_the_traceback_and_is_no_verdict(trial, run):
         ("trail", "'trail' (did you mean 'trial'?)"),
         ("--loud", "--loud (`tactuator --help` lists"),
         ("trial --loud", "--loud (`tactuator trial --help` lists"),
-        ("trial --rate-hz fast", "valid number, unable to parse string as a number (got 'fast')"),
-        ("trial surplus", "(surplus) (`tactuator trial --help` lists what it takes"),
+        ("trial --rate-hz fast", "it must be a number (got 'fast')"),
+        ("trial surplus", "unexpected surplus; expected options alone (`tactuator trial --help` lists what it takes"),
     ],
 )
 def test_main__misused__exits_2_with_one_line(arguments, words, trial, run):

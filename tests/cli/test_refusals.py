@@ -35,7 +35,7 @@ REFUSALS = {
     "design wild.toml": "unstable",
     "design lines.toml --out record.h5": "record.h5 is read as display, or by it: choose another name",
     "design display.toml --curve record.h5 --out record.h5": "record.h5 is read as curve, or by it",
-    "firmware wordlength controller.json --rate fast": "Invalid value for '--rate': Input should be a valid number",
+    "firmware wordlength controller.json --rate fast": "Invalid value for '--rate': it must be a number",
     "build controller.json": "Missing option '--out'",
     "build controller.json --out none/i.bin": "none is not a folder",
     "firmware image .": "image .: Is a directory",

@@ -2,11 +2,13 @@
 
 import atexit
 import os
+import re
 import signal
 import sys
 import traceback
 from collections.abc import Container, Sequence
 from itertools import pairwise
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
@@ -114,7 +116,7 @@ def _say_what_failed(error: Exception, arguments: Sequence[str]) -> int:
         case TactuatorError():
             return _say(str(error), error.exit_status)
         case TyperException():
-            return _say(error.format_message() + _got(error, arguments) + _help_for(error), BAD_INPUT)
+            return _say(_usage(error, arguments), BAD_INPUT)
         case BrokenPipeError():
             # The reader has gone; give the interpreter's last flush somewhere to go.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -132,6 +134,24 @@ def _say(message: str, status: int) -> int:
     """Print one line on standard error, whatever the message holds, and return the exit status."""
     sys.stderr.write(f"tactuator: {visible(' '.join(message.split()))}\n")
     return status
+
+
+_NOT_A_NUMBER = re.compile(r"Input should be a valid (integer|number), .*")
+_SURPLUS = re.compile(r"Got unexpected extra arguments?(?:\(s\))? \((.*)\)")
+
+
+def _usage(error: TyperException, arguments: Sequence[str]) -> str:
+    """Return what is wrong with the arguments in one sentence: what was given, and what helps."""
+    message, context = error.format_message(), getattr(error, "ctx", None)
+    if context is not None and (surplus := _SURPLUS.fullmatch(message.rstrip("."))):
+        given = surplus[1].split()
+        takes = [each.name for each in context.command.params if each.param_type_name == "argument"]
+        options = {name for each in context.command.params for name in each.opts if name.startswith("--")}
+        meant = [f"{name} {one}" for one in given if (name := f"--{Path(one).stem}") in options]
+        likely = f" (did you mean {', '.join(meant)}?)" if meant else ""
+        message = f"unexpected {' '.join(given)}{likely}; expected {', '.join(takes) or 'options alone'}"
+    message = _NOT_A_NUMBER.sub(lambda kind: f"it must be a {kind[1].replace('integer', 'whole number')}", message)
+    return message + _got(error, arguments) + _help_for(error)
 
 
 def _got(error: TyperException, arguments: Sequence[str]) -> str:
