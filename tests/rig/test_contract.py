@@ -5,6 +5,7 @@ TACTUATOR_RIG names one more (docs/rig.md). A rig without finger ports is asked 
 The simulated rig: the protocol, its blindness, and its finger ports.
 """
 
+import time
 from dataclasses import fields, replace
 from itertools import product
 
@@ -297,6 +298,18 @@ def test_paced_rig__stream__is_the_stream_of_the_rig_below():
         positions.append(join_traces(pace(rig).stream(iter(blocks)), rig.rate_hz, rig.channels).position_v)
     assert np.array_equal(*positions)
     assert len(positions[0]) == 1000
+
+
+def test_paced_rig__stream_held_up__stands_still_and_does_not_hurry_after():
+    def held_up():
+        for number in range(10):
+            time.sleep(0.1 if number == 1 else 0.0)
+            yield np.zeros((80, 3))
+
+    began_s = time.monotonic()
+    joined = join_traces(PacedRig(loaded_rig(1)).stream(held_up()), 4000.0, ("index", "thumb", "middle"))
+    assert len(joined) == 800
+    assert time.monotonic() - began_s >= 0.2 + 0.1 - 0.02
 
 
 def test_paced_rig__rest_in_a_tone__is_silent_soon():

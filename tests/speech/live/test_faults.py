@@ -1,17 +1,20 @@
 """Faults of a live stream: a source that fails, a computer that dies; limits at the finger, fades without a jump."""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tactuator.io.reference import open_reference
-from tactuator.rig.board.link import Mode
+from tactuator.rig.board.link import LinkClient, Mode
+from tactuator.rig.board.rig import BoardRig
+from tactuator.rig.transport import InProcess
 from tactuator.runtime._core import lib
 from tactuator.runtime.safety_table import Fault
 from tactuator.speech.coding import coding_of
 from tactuator.speech.live.level import LevelSettings
-from tactuator.speech.live.run import run_live
+from tactuator.speech.live.run import fed_shortly, run_live
 from tactuator.speech.live.source import FileSource
 from tactuator.speech.live.stream import LiveStream
 from tactuator.speech.reading import sentence_path
@@ -63,7 +66,9 @@ def felt_units(controller, moved):
 
 @pytest.mark.parametrize("how", ["raises", "ends"])
 def test_source__unplugged_in_mid_block__fades_out_and_is_at_rest_within_a_tenth(controller, how):
-    moved, raised = felt_of(controller, Sound(how))
+    frozen = []
+    moved, raised = felt_of(controller, Sound(how), lambda trace: frozen.append(gc.get_freeze_count()))
+    assert min(frozen) > 10_000 > gc.get_freeze_count()  # what is loaded is not searched for garbage meanwhile
     assert (raised is not None) == (how == "raises")
     felt = felt_units(controller, moved)
     end = round(UNPLUGGED_S * RATE)
@@ -120,3 +125,51 @@ def test_render_live__a_sentence__what_a_rig_is_given_live(controller, tmp_path)
     np.testing.assert_allclose(written, np.concatenate(given)[: len(written)], atol=1e-3)
     assert rendered.about == {"live": True}
     assert job.settings("speech")["coding"] != replace(job, live=False).settings("speech")["coding"]
+
+
+class Link(InProcess):
+    """A board in this process that runs half a millisecond with every request, once it is on its own."""
+
+    alone = False
+
+    def _let_run(self):
+        self.run(2) if self.alone else super()._let_run()
+
+
+def test_board__clicks_over_a_link_of_half_a_millisecond__felt_within_30_ms_and_never_dry():
+    link, controller, moved = Link(), designed(), []
+    rig = BoardRig(LinkClient(link), controller.display, waits=False, sleep=lambda s: link.run(round(s * RATE)))
+    rig.simulate(1)
+    rig.load(controller)
+    rig.finger("index").attach(moved.append)
+    link.alone = True
+    clicks = Clicks()
+    setting = LevelSettings(gain_db=85.0, gate_db=0.0)
+    stream = LiveStream(clicks, controller, coding_of("direct"), setting, lambda: link.board.tick / RATE)
+    with fed_shortly(rig):
+        run_live(stream, rig, clicks, lambda trace: None)
+    assert (stream.state.missed, stream.state.dropouts) == (0, 0)
+    felt, late = felt_units(controller, np.concatenate(moved)), []
+    for tick in clicks.ticks - rig.began_at:
+        first = int(np.ceil(tick))
+        late.append((first + np.argmax(felt[first : first + 400]) - tick) / RATE)
+    assert 0.018 < np.median(late) <= 0.030
+    assert max(late) <= 0.040
+
+
+class Clicks(Sound):
+    """A source of 20 clicks, which knows the board's ticks at which each came."""
+
+    def __init__(self):
+        super().__init__(seconds=4.5)
+        self._at = (RATE_IN * (0.4 + 0.2 * np.arange(20))).astype(int) + np.random.default_rng(0).integers(0, 800, 20)
+        self._begun_s = None
+
+    @property
+    def ticks(self):
+        return RATE * (self._begun_s + self._at / RATE_IN)
+
+    def read(self, now_s):
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        count = super().read(now_s - self._begun_s).size
+        return 0.9 * np.isin(np.arange(self._given - count, self._given), self._at)

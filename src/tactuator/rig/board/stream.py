@@ -29,6 +29,8 @@ _READ_ROWS = 100
 """Rows for which the trace of a board whose time goes on is worth a request: 25 ms at 4 kHz."""
 _POLL_S = 0.004
 """Pause between two looks at a board: 16 ticks at 4 kHz, in which its trace cannot overflow."""
+_POLL_LEAD = 80
+"""Rows of lead below which the pause is shorter in proportion: it should be a fifth of the lead at most."""
 _IDLE_READS = 1000
 """Reads without a row, one after another, from a board that waits for its rows: it has none to wait for."""
 TONES_MAX: int = lib.TACT_TONES_MAX
@@ -152,7 +154,7 @@ class BoardStream:
         last = not len(self._rows) and self._tick >= self.end
         worth = 0 if self._waits or last else _READ_ROWS
         if self._tick - self._got < worth:
-            self._sleep(_POLL_S)
+            self._sleep(_POLL_S * min(1.0, self._lead / _POLL_LEAD))
             self._look()
             return None
         felt = anybody_feels(self._fingers)
