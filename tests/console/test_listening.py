@@ -58,19 +58,22 @@ def test_listen__file_at_its_own_pace__samples_and_levels_come_and_rest_ends_it(
     assert not worker.rows[rows:, :3].any()
 
 
-def test_listen__rest_in_mid_sound__nothing_more_is_taken_of_it(worker, monkeypatch):
-    tell, rested = worker.worker._tell, []
+def test_listen__rest_in_mid_sound__silent_within_20_ms_of_the_display_and_no_more_is_taken(worker, monkeypatch):
+    tell, rested, felt = worker.worker._tell, [], []
+    worker.worker._opened.finger("index").attach(felt.append)
 
     def tell_and_rest(name, *arguments):
         tell(name, *arguments)
-        if name == "take_heard" and not rested:
-            rested.append(len(worker.rows))
+        if name == "take_heard" and not rested and arguments[0].asked_db_sl["index"] > 25.0:
+            rested.extend((len(worker.rows), len(felt)))
             worker.call("rest")
 
     monkeypatch.setattr(worker.worker, "_tell", tell_and_rest)
     worker.call("listen", worker.file)
     worker.until(lambda: rested and worker.status.mode == "idle")
     assert len(worker.rows) == rested[0]
+    before, after = np.concatenate(felt[: rested[1]])[-200:], np.concatenate(felt[rested[1] :])
+    assert np.abs(before).max() > 10.0 * np.abs(after[80:]).max()
 
 
 def test_listen__muted__nothing_is_asked_and_it_goes_on(worker):

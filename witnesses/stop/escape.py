@@ -7,6 +7,9 @@ the tone in one of its periods, a drift aside. Every interval has a tone of 30 d
 own noise reaches 3 dB SL in a period, so that silence is 6 dB SL or less. The claim: silence within 20 ms of the key,
 and from then on, in every state; nothing is played before the subject goes on.
 
+The last state is the console's, with live sound (a tone of 30 dB SL from a file at its own pace) on the rig in its
+separate process, which keeps what is felt there.
+
 The time is that of page, browser, connection, server and display together, on a machine that does nothing else: what
 waits for a processor waits longer. Seen to fail: `--pieces 0.02` (seconds that are computed at a time).
 """
@@ -14,33 +17,43 @@ waits for a processor waits longer. Seen to fail: `--pieces 0.02` (seconds that 
 from __future__ import annotations
 
 import argparse
+import pickle
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import soundfile
 from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 from rich.console import Console
 from rich.table import Table
 
 from tactuator.api.parameters import paper_controller, paper_display
+from tactuator.console import rig_process, rig_worker
+from tactuator.console.page_server import build_console
+from tactuator.console.rig_worker import hold_rig
+from tactuator.console.state import ConsoleState
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.file import parse_protocol
 from tactuator.experiment.session.studies import open_study
 from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.session.tone_task import DetectionTask
 from tactuator.experiment.store.store import Store
+from tactuator.io.shipped import EXAMPLES
+from tactuator.model.description import Display
 from tactuator.rig import simulated as paced
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import build_app
 from tests.browser import ARGUMENTS, chromium
+from tests.console.pages import TOKEN, address_of
 from tests.web.server import served
 
 FREQUENCY_HZ, SILENT_DB_SL, SILENT_MS = 100.0, 6.0, 20.0
@@ -131,6 +144,11 @@ class Felt:
             cut_short = end_s - began_s < 0.9 * mm.size / self.rate_hz and mm.size > 10 * period
             before = np.zeros(0) if cut_short else joined[-(period - 1) :]
         return last
+
+
+def felt_on(display: Display) -> Felt:
+    level_db = float(display.channels[0].threshold.curve.level_db_re_1um_at(FREQUENCY_HZ)) + SILENT_DB_SL
+    return Felt(display.rate_hz, 1e-3 * 10.0 ** (level_db / 20.0))
 
 
 def _until(page: Any, condition: str) -> None:
@@ -243,9 +261,7 @@ def subject_page(browser: Any, folder: Path) -> Iterator[tuple[Any, Felt, Lab]]:
     controller = paper_controller(paper_display())
     rig = SimulatedRig(controller.display, 1)
     rig.load(controller)
-    curve = controller.display.channels[0].threshold.curve
-    level_db = float(curve.level_db_re_1um_at(FREQUENCY_HZ)) + SILENT_DB_SL
-    felt = Felt(rig.rate_hz, 1e-3 * 10.0 ** (level_db / 20.0))
+    felt = felt_on(rig.display)
     rig.finger("index").attach(felt)
     task = DetectionTask(parse_protocol(PROTOCOL, Protocol), Apparatus(paced.PacedRig(rig), controller, "simulated"))
     store = Store(folder / "lab.db")
@@ -278,10 +294,59 @@ def escaped(page: Any, felt: Felt, state: str) -> tuple[float, str, bool]:
     )
 
 
+LIVE = "console, live"
+
+
+def hold_felt_rig(kept: Path, pieces_s: float, pipe: Any, spec: str, display: Display, seed: int) -> None:
+    """Hold the rig in the console's process of it, and leave in a file what was felt at its finger port."""
+    rig, felt = SimulatedRig(display, seed), felt_on(display)
+    rig.finger("index").attach(felt)
+    paced._PIECE_S = pieces_s
+    rig_worker.open_rig = lambda spec, display, seed: rig  # type: ignore[assignment]
+    hold_rig(pipe, spec, display, seed)
+    kept.write_bytes(pickle.dumps(felt.stretches))
+
+
+def live_escaped(browser: Any, folder: Path, wait_ms: float) -> tuple[float, str]:
+    """Press Escape while live sound is felt: return how long the tone is felt after it, ms, and the rig's mode then."""
+    controller, sound = paper_controller(paper_display()), folder / "tone.wav"
+    time_s = np.arange(16000 * 60) / 16000
+    tone = 0.1 * np.sin(2.0 * np.pi * FREQUENCY_HZ * time_s) * (time_s % 3.0 < 2.8)  # what never pauses is noise
+    soundfile.write(sound, tone, 16000)
+    state = ConsoleState(EXAMPLES / "display.toml", folder)
+    state.uploads.path = lambda key: sound  # type: ignore[method-assign]
+    rig_process.hold_rig = partial(hold_felt_rig, folder / "felt", paced._PIECE_S)  # type: ignore[assignment]
+    with (
+        closing(rig_process.RigProcess("simulated", controller.display, 1)) as host,
+        served(build_console(state, TOKEN, rig=host)) as client,
+    ):
+        host.call("load", controller)
+        page = browser.new_page(bypass_csp=True)
+        page.add_init_script(_KEY_TIMES)
+        page.goto(f"{address_of(client)}&view=speech&display=file")
+        page.locator("#live-level").fill("30")
+        page.locator("#live-start:not([disabled])").click()
+        _until(page, "Number(document.querySelector('[role=meter]')?.getAttribute('aria-valuenow')) > 20")
+        page.wait_for_timeout(500.0 + wait_ms)
+        page.keyboard.press("Escape")
+        page.wait_for_timeout(WATCHED_MS)
+        key_ms, mode = page.evaluate("window.escaped"), str(host.status.mode)
+        page.close()
+    felt, before = felt_on(controller.display), felt_on(controller.display)
+    felt.stretches = pickle.loads((folder / "felt").read_bytes())
+    before.stretches = [stretch for stretch in felt.stretches if 0.0 < key_ms - 1e3 * stretch[0] < 200.0]
+    if not before.tone_ms(0) > 20.0:
+        raise AssertionError(
+            f"before the key the tone was felt for {before.tone_ms(0):.0f} ms of {len(before.stretches)} pieces"
+        )
+    return felt.lasts_ms(key_ms), mode
+
+
 def main() -> int:
     """Print the longest and the median time of each state."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--times", type=int, default=5)
+    parser.add_argument("--state", action="append", choices=(*STATES, LIVE))
     parser.add_argument("--pieces", type=float, default=None)
     chosen = parser.parse_args()
     if chosen.pieces is not None:
@@ -290,9 +355,14 @@ def main() -> int:
     longest = 0.0
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
-        for state in STATES:
+        for state in chosen.state or (*STATES, LIVE):
             lasts, stage = [], ""
-            for _ in range(chosen.times):
+            for number in range(chosen.times):
+                if state == LIVE:
+                    with tempfile.TemporaryDirectory() as folder:
+                        lasts_ms, stage = live_escaped(browser, Path(folder), 7.0 * number)
+                    lasts.append(lasts_ms)
+                    continue
                 with tempfile.TemporaryDirectory() as folder, subject_page(browser, Path(folder)) as (page, felt, _):
                     lasts_ms, stage, _ = escaped(page, felt, state)
                     lasts.append(lasts_ms)
