@@ -53,7 +53,6 @@ from tactuator.rig.simulated import SimulatedRig
 from tactuator.web.lab import Lab
 from tactuator.web.study_pages import build_app
 from tests.browser import ARGUMENTS, chromium
-from tests.console.pages import TOKEN, address_of
 from tests.web.server import served
 
 FREQUENCY_HZ, SILENT_DB_SL, SILENT_MS = 100.0, 6.0, 20.0
@@ -302,7 +301,7 @@ def hold_felt_rig(kept: Path, pieces_s: float, pipe: Any, spec: str, display: Di
     rig, felt = SimulatedRig(display, seed), felt_on(display)
     rig.finger("index").attach(felt)
     paced._PIECE_S = pieces_s
-    rig_worker.open_rig = lambda spec, display, seed: rig  # type: ignore[assignment]
+    vars(rig_worker)["open_rig"] = lambda spec, display, seed: rig
     hold_rig(pipe, spec, display, seed)
     kept.write_bytes(pickle.dumps(felt.stretches))
 
@@ -315,15 +314,15 @@ def live_escaped(browser: Any, folder: Path, wait_ms: float) -> tuple[float, str
     soundfile.write(sound, tone, 16000)
     state = ConsoleState(EXAMPLES / "display.toml", folder)
     state.uploads.path = lambda key: sound  # type: ignore[method-assign]
-    rig_process.hold_rig = partial(hold_felt_rig, folder / "felt", paced._PIECE_S)  # type: ignore[assignment]
+    vars(rig_process)["hold_rig"] = partial(hold_felt_rig, folder / "felt", paced._PIECE_S)
     with (
         closing(rig_process.RigProcess("simulated", controller.display, 1)) as host,
-        served(build_console(state, TOKEN, rig=host)) as client,
+        served(build_console(state, "token", rig=host)) as client,
     ):
         host.call("load", controller)
         page = browser.new_page(bypass_csp=True)
         page.add_init_script(_KEY_TIMES)
-        page.goto(f"{address_of(client)}&view=speech&display=file")
+        page.goto(f"http://127.0.0.1:{client.port}/#token=token&view=speech&display=file")
         page.locator("#live-level").fill("30")
         page.locator("#live-start:not([disabled])").click()
         _until(page, "Number(document.querySelector('[role=meter]')?.getAttribute('aria-valuenow')) > 20")
