@@ -316,9 +316,12 @@ class Store:
 
     def mark(self, mark: int) -> None:
         """Write a mark, and what was committed so far, into the file itself. Raises StoreFault where it cannot."""
-        if not self.is_file:
-            return
-        with self._faults_told(), closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
+        if self.is_file:
+            with self._faults_told():
+                self._mark(mark)
+
+    def _mark(self, mark: int) -> None:
+        with closing(sqlite3.connect(self.path, timeout=_BUSY_TIMEOUT_MS / 1000)) as plain:
             plain.execute("PRAGMA wal_checkpoint(PASSIVE)")  # a file without the mark lacks nothing of its log
             plain.execute(f"PRAGMA user_version = {mark}")
             if mark and self._log_size() >= _LOG_HEADER_BYTES:  # of the log that this was just written to
@@ -385,10 +388,14 @@ class Store:
             lacks = f"a store, or a copy made by `experiment backup`: one of a served store lacks its {self._log.name}"
             raise BadInput(f"store {self.path} holds no table", lacks)
         if not names:
+            if self.is_file:
+                self._mark(_WRITING)  # the file names the log with the tables before it has some of them
             with self._writing() as connection:
                 if not inspect(connection).get_table_names():  # another process may have been first
                     schema.tables.create_all(connection)
                     connection.execute(insert(schema.schema_version).values(version=schema.VERSION))
+            if self.is_file:
+                self._mark(0)
         elif schema.schema_version.name not in names:
             raise BadInput(f"store holds the tables {', '.join(names)}", "one that tactuator made, or a new file")
         else:
