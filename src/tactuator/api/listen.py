@@ -231,4 +231,4 @@ def listen_until_it_ends(*given: Any, **named: Any) -> ListenResult:  # noqa: D1
 
 def _line(state: LiveState) -> str:
     levels = ", ".join(f"{name} {max(level, 0.0):.0f}" for name, level in state.level_db_sl.items())
-    return f"{levels} dB SL; {state.dropouts} drop-outs"
+    return f"{levels} dB SL; {state.dropouts + state.missed} drop-outs"

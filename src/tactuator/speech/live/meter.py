@@ -27,7 +27,7 @@ class LiveBlock:
         without a sensor.
     asked_db_sl: likewise, of the reference.
     delay_s: from the source to the finger, the least and the greatest by the frequency that is felt.
-    dropouts: so far.
+    dropouts: so far, what the rig missed included.
     muted: whether it is.
     frequency_hz, asked_spectrum_db_sl, felt_spectrum_db_sl: spectra, (channels, frequencies).
     """
@@ -82,7 +82,7 @@ class LiveMeter:
             dict(zip(names, np.where(self._sensed, felt_db, np.nan).tolist(), strict=True)),
             dict(zip(names, asked_db.tolist(), strict=True)),
             (fixed_s + min(by_frequency), fixed_s + max(by_frequency)),
-            state.dropouts,
+            state.dropouts + state.missed,
             state.muted,
             self._levels.frequency_hz,
             asked_spectrum,
