@@ -82,6 +82,20 @@ def test_paper_mix__paper_plant__stays_within_range_and_travel() -> None:
     assert 0.5 < np.max(np.abs(position)) <= 0.8 * 2.4 * 1.01
 
 
+def test_paper_mix__delimited__is_the_mix_between_two_marks_within_the_same_limits() -> None:
+    made = excitation.paper_mix(20.4, RATE_HZ, 10.0, rng(), plant=PAPER, travel_v=2.4, delimited=True)
+    assert made.size == 81600
+    np.testing.assert_array_equal(
+        made[800:-800], excitation.paper_mix(20.0, RATE_HZ, 10.0, rng(), plant=PAPER, travel_v=2.4)
+    )
+    first, last = made[:800].reshape(4, 200), made[-800:]
+    np.testing.assert_array_equal(first.ravel(), last)
+    assert np.all(first == first[:, :1])
+    assert first[0, 0] == -first[1, 0] > 0.0 == first[2, 0] == first[3, 0]
+    position = excitation.periodic_response(np.append(made, np.zeros(made.size)), RATE_HZ, PAPER)
+    assert np.max(np.abs(position)) <= 2.4
+
+
 def test_known_part__accelerometer__keeps_to_band_travel_and_range() -> None:
     """The travel by SciPy: the mechanism's own displacement, at rest before, in steps of a sample."""
     w, q, drive = 2.0 * np.pi * 80.0, 4.0, 2e4

@@ -45,7 +45,7 @@ from tactuator.signals.excitation import sample_count
 from tactuator.signals.multisine import Periods, multisine, odd_lines
 from tactuator.signals.record import FrequencyResponse, Record
 
-EXCITATIONS = ("mix", "steps", "noise", "prbs", "chirp", "multisine")
+EXCITATIONS = ("mix", "delimited", "steps", "noise", "prbs", "chirp", "multisine")
 _LINES = 160
 
 
@@ -189,10 +189,12 @@ def _planned(
     low, high = channel.threshold.band_hz
     travel_v = travel_share * channel.travel_mm * channel.sensor_gain_v_per_mm
     plan: dict[str, str] = {}
-    if excitation == "mix":
+    if excitation in ("mix", "delimited"):
         band, at_most = (low, min(high, 0.4 * rate_hz)), channel.converter.range_v
-        plant = channel.plant if order == 0 else None
-        shape = signals.paper_mix(duration_s, rate_hz, at_most, rng, plant=plant, travel_v=travel_v, band_hz=band)
+        shape = signals.paper_mix(
+            duration_s, rate_hz, at_most, rng, plant=channel.plant if order == 0 else None, travel_v=travel_v,
+            band_hz=band, delimited=excitation == "delimited",
+        )  # fmt: skip
         if order == 0:
             return shape, plan
     elif excitation == "multisine":

@@ -31,7 +31,7 @@ GAUGE_ERROR_MM = 0.01
 _POSITION_COUNT = 21
 _SETTLE_S, _READ_S = 3.0, 0.5
 _TRAVEL_SHARE = 0.8
-RECORD_S = 20.0
+RECORD_S = 20.4
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,12 @@ def _reaching_v(channel: Channel) -> float:
 
 
 def record_motor(plan: Plan, channel: str) -> Record:
-    """Record one channel under the paper's mix of steps, noise and sinusoids, without controller and without finger."""
+    """Record one channel under the paper's delimiter, steps, noise and sinusoids, without controller and finger."""
     rig = tt.SimulatedRig(plan.display, plan.seed_of(f"record of {channel}"))
-    drawn = plan.seed_of("excitation")
-    return tt.record(plan.display, channel, duration_s=RECORD_S, travel_share=_TRAVEL_SHARE, rig=rig, seed=drawn).taken
+    return tt.record(
+        plan.display, channel, duration_s=RECORD_S, excitation="delimited", travel_share=_TRAVEL_SHARE, rig=rig,
+        seed=plan.seed_of("excitation"),
+    ).taken  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -165,8 +165,9 @@ def excitation_figure(record: Record, channel: str, shown_s: float = 10.0) -> Re
         [Chart("time (s)", "sensor (V)", [ChartLine("", time, position, colour=ORANGE, width=0.8)])],
     ]
     caption = (
-        f"First {shown_s:g} of the {record.duration_s:g} s from which the {channel} motor was identified: steps, noise "
-        "and sinusoids. The paper also names a “delimiter” without saying what it is; it is left out here."
+        f"First {shown_s:g} of the {record.duration_s:g} s from which the {channel} motor was identified: a "
+        "delimiter, then steps, noise and sinusoids. The paper does not say what its “delimiter” is; it is taken for a "
+        "pulse to either side that marks where the record begins and ends."
     )
     table = table_of(("time_s", "command_v", "position_v"), labelled((), time, command, position))
     return ReportFigure("excitation", "Excitation of the motor", caption, panels(charts, 3.6), table)

@@ -131,6 +131,13 @@ def log_chirp(duration_s: float, rate_hz: float, low_hz: float, high_hz: float) 
     return swept
 
 
+def delimiter(rate_hz: float, hold_s: float = 0.05) -> FloatArray:
+    """Return a pulse to one side, one to the other, and a rest as long as both, with a peak of 1. The paper (section 3)
+    names a "delimiter" without saying what it is: it is taken for such a mark of where a record begins and ends.
+    """
+    return np.repeat([1.0, -1.0, 0.0, 0.0], sample_count(hold_s, rate_hz))
+
+
 def paper_mix(
     duration_s: float,
     rate_hz: float,
@@ -140,13 +147,18 @@ def paper_mix(
     plant: ContinuousSystem | None = None,
     travel_v: float | None = None,
     band_hz: tuple[float, float] = (0.4, 300.0),
+    delimited: bool = False,
 ) -> FloatArray:
-    """Return the paper's mix of steps, noise and sinusoids (section 3) as a command in volts, shape (n,).
+    """Return the paper's mix of steps, noise and sinusoids (section 3) as a command in volts, shape (n,), between two
+    delimiters where `delimited`.
 
     A slow part (steps every 1.3 s and sinusoids in the lower band) and a fast part (noise over the whole band and
     sinusoids in the upper) are added. With a rough `plant` and `travel_v` (volts of y) each is planned to take 40 % of
-    the travel and of 0.9 command_range_v at most; without them each takes 5 % and 40 % of command_range_v.
+    the travel and of 0.9 command_range_v at most; without them each takes 5 % and 40 % of command_range_v. A delimiter
+    takes half as much as the slow part.
     """
+    mark = delimiter(rate_hz) if delimited else np.zeros(0)
+    duration_s -= 2.0 * mark.size / rate_hz
     low, high = band_hz[0], min(band_hz[1], 0.4 * rate_hz)
     middle = float(np.sqrt(low * high))
     slow = 0.6 * steps(duration_s, rate_hz, 1.3, rng)
@@ -155,13 +167,17 @@ def paper_mix(
     fast = 0.6 * noise(duration_s, rate_hz, (low, 1.2 * high), rng)
     tones = np.geomspace(middle, high, 5)
     fast += 0.4 * to_unit_peak(sinusoids(duration_s, rate_hz, tones, tones / high, rng))
+    parts = [slow, fast, mark]
     if plant is None or travel_v is None:
-        return command_range_v * (0.05 * to_unit_peak(slow) + 0.4 * to_unit_peak(fast))
-    parts = (slow, fast)
-    return sum(
-        (plan_amplitude(part, rate_hz, plant, 0.4 * travel_v, 0.4 * command_range_v) * part for part in parts),
-        np.zeros(slow.size),
-    )
+        factors = [0.05 * command_range_v, 0.4 * command_range_v, 0.025 * command_range_v]
+        parts = [to_unit_peak(part) for part in parts]
+    else:
+        factors = [
+            plan_amplitude(part, rate_hz, plant, share * travel_v, share * command_range_v) if part.size else 0.0
+            for part, share in zip(parts, (0.4, 0.4, 0.2), strict=True)
+        ]
+    slow, fast, mark = (factor * part for factor, part in zip(factors, parts, strict=True))
+    return np.concatenate([mark, slow + fast, mark])
 
 
 def plan_amplitude(
