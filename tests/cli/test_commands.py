@@ -310,6 +310,18 @@ def test_main__misused__exits_2_with_one_line(arguments, words, trial, run):
     run.refused(*arguments.split(), said=words)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("measure controller.json", "no measure command 'controller.json'; expected "),
+        ("experiment exprt", "no experiment command 'exprt' (did you mean 'export'?)"),
+        ("reproduce --seed -1", "it must be at least 0 (got '-1')"),
+    ],
+)
+def test_main__subcommand_or_value_amiss__says_what_is_allowed(arguments, words, run):
+    run.refused(*arguments.split(), said=words)
+
+
 def test_main__interrupted_in_a_verb_that_writes__says_what_was_written(trial, run, tmp_path):
     new, old = tmp_path / "new.csv", tmp_path / "old.csv"
     old.write_text("0")

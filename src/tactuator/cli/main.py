@@ -51,6 +51,8 @@ def needed(arguments: Sequence[str]) -> Container[str]:
             raise unknown("command", words[0], known)
         if len(arguments) == 1 and words[0] in GROUPS:
             raise BadInput(f"{words[0]}: no subcommand is named", ", ".join(subcommands(words[0])))
+        if words[0] in GROUPS and len(words) > 1 and words[1] not in subcommands(words[0]):
+            raise unknown(f"{words[0]} command", words[1], subcommands(words[0]))
     return (*words[:1], " ".join(words[:2]))
 
 
@@ -136,7 +138,14 @@ def _say(message: str, status: int) -> int:
     return status
 
 
-_NOT_A_NUMBER = re.compile(r"Input should be a valid (integer|number), .*")
+_ENGLISH = {
+    r"Input should be a valid integer, .*": "it must be a whole number",
+    r"Input should be a valid number, .*": "it must be a number",
+    r"Input should be greater than or equal to (\S+)": r"it must be at least \1",
+    r"Input should be less than or equal to (\S+)": r"it must be at most \1",
+    r"Input should be (greater|less) than (\S+)": r"it must be \1 than \2",
+}
+"""What pydantic says of a value, and what is said here."""
 _SURPLUS = re.compile(r"Got unexpected extra arguments?(?:\(s\))? \((.*)\)")
 
 
@@ -150,7 +159,8 @@ def _usage(error: TyperException, arguments: Sequence[str]) -> str:
         meant = [f"{name} {one}" for one in given if (name := f"--{Path(one).stem}") in options]
         likely = f" (did you mean {', '.join(meant)}?)" if meant else ""
         message = f"unexpected {' '.join(given)}{likely}; expected {', '.join(takes) or 'options alone'}"
-    message = _NOT_A_NUMBER.sub(lambda kind: f"it must be a {kind[1].replace('integer', 'whole number')}", message)
+    for pydantic, ours in _ENGLISH.items():
+        message = re.sub(pydantic, ours, message)
     return message + _got(error, arguments) + _help_for(error)
 
 

@@ -62,7 +62,7 @@ def sample_count(duration_s: float, rate_hz: float) -> int:
     """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput unless there is at least one."""
     count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
     if count < 1:
-        raise BadInput(f"{duration_s:g} s at {rate_hz:g} Hz is no sample", "one or more")
+        raise BadInput(f"duration {duration_s:g} s", f"at least one sample at {rate_hz:g} Hz")
     return count
 
 
