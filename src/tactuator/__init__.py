@@ -54,6 +54,7 @@ _CHAIN = (
                 *("TactuatorError", "BadInput", "NoDesign", "DeviceFault", "TimingMissed", "StoreFault"),
                 "Interrupted",
             ),
+            "entry_points": ("PluginFault",),
             "signals.loop": ("UnstableLoop",),
             "measure.open_loop": ("NoEqualiser",),
             "rig.transport": ("LinkDown",),

@@ -28,6 +28,7 @@ from tactuator.api.start import read_display as read_display
 from tactuator.api.start import read_model as read_model
 from tactuator.api.start import read_record as read_record
 from tactuator.api.start import read_response as read_response
+from tactuator.entry_points import PluginFault as PluginFault
 from tactuator.errors import BadInput as BadInput
 from tactuator.errors import DeviceFault as DeviceFault
 from tactuator.errors import Interrupted as Interrupted

@@ -77,7 +77,7 @@ def test_listen__tone__callback_gets_its_level_asked_and_felt_as_the_finger_port
         assert live.wait()
     asked_db = GAIN_DB + 20 * np.log10(AMPLITUDE)
     times = np.array([block.time_s for block in blocks])
-    assert np.diff(times) == pytest.approx(0.05, abs=0.0041)
+    assert np.diff(times[times < 1.9]) == pytest.approx(0.05, abs=0.0041)
     steady = [block for block in blocks if 0.6 < block.time_s < 1.9]
     displacement = np.concatenate(felt)[4000:5600] * np.hanning(1600)
     amplitude = 2 * abs(np.exp(-2j * np.pi * TONE_HZ * np.arange(1600) / 4000) @ displacement) / np.hanning(1600).sum()

@@ -73,7 +73,8 @@ def test_listen__rest_in_mid_sound__silent_within_20_ms_of_the_display_and_no_mo
     worker.until(lambda: rested and worker.status.mode == "idle")
     assert len(worker.rows) == rested[0]
     before, after = np.concatenate(felt[: rested[1]])[-200:], np.concatenate(felt[rested[1] :])
-    assert np.abs(before).max() > 10.0 * np.abs(after[80:]).max()
+    still = after[80:] - after[-1]  # friction may keep the finger off its middle
+    assert np.abs(before).max() > 10.0 * np.abs(still).max()
 
 
 def test_listen__muted__nothing_is_asked_and_it_goes_on(worker):

@@ -53,7 +53,7 @@ def test_hdf5_and_matlab__our_own_variables_and_struct__come_back(tmp_path: Path
         ("t;u;y", (TIME, U, Y), ";", {}, ("", "")),
         ("time\tin\tout", (TIME, U, Y), "\t", {}, ("", "")),
         ("noise,torque_nm,angle_rad,clock_ms", (Y, U, Y, 1e3 * TIME), ",",
-         {"input": "torque_nm", "output": "angle_rad", "time": "clock_ms"}, ("nm", "rad")),
+         {"input": "torque_nm", "output": "angle_rad", "time": "clock_ms"}, ("Nm", "rad")),
         (None, (U, Y), " ", {"rate_hz": RATE_HZ}, ("", "")),
         ("time_ms,u [V],pos [mm]", (1e3 * TIME, U, Y), ",", {}, ("V", "mm")),
         ("T [\u00b5s],u (mV),x ( \u03bcm )", (1e6 * TIME, U, Y), ",", {"time": "T [\u00b5s]"}, ("mV", "um")),

@@ -1,6 +1,7 @@
 """A recognition study on one simulated finger: its items, its protocol, and a subject's way through it."""
 
 import tomllib
+from contextlib import ExitStack
 
 import pytest
 
@@ -11,7 +12,7 @@ from tactuator.experiment.session.respondent import run_session
 from tactuator.experiment.session.studies import open_session, open_study
 from tactuator.experiment.session.task import Apparatus
 from tactuator.experiment.store import records
-from tactuator.experiment.store.store import Store
+from tactuator.experiment.store.store import opened_store
 from tactuator.io.display import parse_display
 from tactuator.rig.open import open_rig
 from tactuator.rig.simulated import SimulatedRig
@@ -90,15 +91,17 @@ def items(controller, tmp_path_factory):
 
 @pytest.fixture
 def opened(controller, items, tmp_path):
+    with ExitStack() as now:
 
-    def make(text):
-        rig = SimulatedRig(controller.display, 1)
-        rig.load(controller)
-        store = Store(tmp_path / "lab.db")
-        protocol = parse_protocol(text, RecognitionProtocol)
-        return Opened(protocol, text, items, Apparatus(rig, controller, "simulated"), store), rig, store
+        def make(text):
+            now.close()  # one program after the other
+            rig = SimulatedRig(controller.display, 1)
+            rig.load(controller)
+            store = now.enter_context(opened_store(tmp_path / "lab.db"))
+            protocol = parse_protocol(text, RecognitionProtocol)
+            return Opened(protocol, text, items, Apparatus(rig, controller, "simulated"), store), rig, store
 
-    return make
+        yield make
 
 
 THREE = ("M-index", "C-index", "L-index")

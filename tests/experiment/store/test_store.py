@@ -240,7 +240,7 @@ def test_copy__without_its_log__is_refused_while_another_program_has_it_open_and
     backup(path, tmp_path / "whole.db")
     (tmp_path / "whole.db-wal").write_bytes(old_log)
     content = (tmp_path / "whole.db").read_bytes()
-    with pytest.raises(BadInput, match=r"whole.db-wal beside it is of another file or program; .*delete whole.db-wal"):
+    with pytest.raises(BadInput, match=r"whole.db-wal beside it is of another file or program; .*whole.db-wal .* moved elsewhere"):
         Store(tmp_path / "whole.db", must_exist=True)
     assert (tmp_path / "whole.db").read_bytes() == content
 
@@ -270,10 +270,23 @@ def test_copy__beside_the_log_of_another_store__is_refused_and_stays_as_it_was(t
     (tmp_path / "copy.db-wal").write_bytes(log)
     content = (tmp_path / "copy.db").read_bytes()
     for reads in (lambda: Store(tmp_path / "copy.db", must_exist=True), lambda: backup(tmp_path / "copy.db", path)):
-        with pytest.raises(BadInput, match=r"copy.db-wal beside it is of another file.*delete copy.db-wal"):
+        with pytest.raises(BadInput, match=r"copy.db-wal beside it is of another file.*copy.db-wal .* moved elsewhere"):
             reads()
     assert (tmp_path / "copy.db").read_bytes() == content
     Path(tmp_path / "copy.db-wal").unlink()
+
+
+def test_opened_store__reader_that_keeps_the_mark_out_of_the_file__is_refused(tmp_path, clock) -> None:
+    path = tmp_path / "lab.db"
+    with opened_store(path) as store:
+        opened_study(store, clock)
+    with closing(sqlite3.connect(path)) as reader:
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM study").fetchone()
+        with pytest.raises(StoreFault, match="cannot be marked"), opened_store(path):
+            pass
+    with opened_store(path):
+        pass
 
 
 @pytest.mark.parametrize("planted", ["link", "hard link", "pipe"])

@@ -8,6 +8,7 @@ import logging
 import socket
 import ssl
 import stat
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from http.client import HTTPConnection, HTTPSConnection
 from pathlib import Path
@@ -112,7 +113,7 @@ def test_send__to_a_connection_that_the_server_has_ended__is_as_a_page_that_went
         await send(socket, {"level": 1.0})
 
     with pytest.raises(WebSocketDisconnect):
-        asyncio.run(sent())
+        ThreadPoolExecutor(1).submit(asyncio.run, sent()).result()  # this thread may have a loop, a browser's
 
 
 def test_address__certificate__encrypts_pages_and_answers_to_the_names_told() -> None:

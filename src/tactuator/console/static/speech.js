@@ -30,7 +30,7 @@ export default class Speech {
     view.replaceChildren(make("div", { class: "spoken" }, make("h1", {}, "Speech on ", display.name),
       make("p", { class: "intro" }, "The file is coded onto the fingers at a level in dB SL (", term("sensation level"), "), and felt on the simulated display with the controller that “tactuator design” makes."),
       make("div", { class: "panel asking" }, this.drop.box, this.heard, make("div", { class: "factor" },
-        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.live.box, this.found));
+        make("div", {}, make("label", { for: "coding" }, "coding"), coding), make("div", {}, make("label", { for: "level" }, "level, dB SL"), input))), this.player, this.found, this.live.box));
     this.standing();
     if (this.own.file) { this.drop.name.textContent = this.own.name ?? ""; await this.again(); }
   }

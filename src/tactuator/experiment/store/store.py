@@ -253,11 +253,9 @@ class Store:
             is_marked = int.from_bytes(header[_MARK], "big") > _WRITING
             own = not restored and (self._log_belongs() if is_marked else not self._log_adds())
             if self._log_size() and not own:
-                where = (
-                    f"a copy alone: delete {self._log.name} and {self.path.name}-shm; or no other program that writes"
-                )
                 got = f"store {self.path} was copied: {self._log.name} beside it is of another file or program"
-                raise BadInput(got, where)
+                moved = f"{self._log.name} and {self.path.name}-shm moved elsewhere (they may hold another's answers)"
+                raise BadInput(got, f"the file alone, {moved}, and no other program that writes")
 
     def _log_adds(self) -> bool:
         """Return whether the log has a committed page that differs from the file's in more than the mark.
@@ -328,7 +326,9 @@ class Store:
                 with self._log.open("rb") as log:
                     number = _number(log.read(_LOG_HEADER_BYTES))
                 plain.execute(f"PRAGMA user_version = {max(number, _WRITING)}")
-                plain.execute("PRAGMA wal_checkpoint(FULL)")
+                (busy, *_) = plain.execute("PRAGMA wal_checkpoint(FULL)").fetchone()
+                if busy:  # without its mark in the file, the log of a program that is killed would be another's
+                    raise StoreFault(f"{self.path.name} cannot be marked: another program reads the store; close it")
             else:
                 plain.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
