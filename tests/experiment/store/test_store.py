@@ -240,7 +240,9 @@ def test_copy__without_its_log__is_refused_while_another_program_has_it_open_and
     backup(path, tmp_path / "whole.db")
     (tmp_path / "whole.db-wal").write_bytes(old_log)
     content = (tmp_path / "whole.db").read_bytes()
-    with pytest.raises(BadInput, match=r"whole.db-wal beside it is of another file or program; .*whole.db-wal .* moved elsewhere"):
+    with pytest.raises(
+        BadInput, match=r"whole.db-wal beside it is of another file or program; .*whole.db-wal .* moved elsewhere"
+    ):
         Store(tmp_path / "whole.db", must_exist=True)
     assert (tmp_path / "whole.db").read_bytes() == content
 
