@@ -197,6 +197,7 @@ def typed(page: Page, count: int) -> None:
         page.keyboard.type("0")
         page.keyboard.press("Enter")
         expect(page.locator(".number input")).to_have_attribute("aria-invalid", "true")
+        expect(page.locator(".number input")).to_be_editable()  # once the server asks again
         page.keyboard.press("Backspace")
     page.keyboard.type(f"{count + 1},5" if count % 2 else f"{count + 1}.5")
     page.keyboard.press("Enter")
