@@ -80,9 +80,7 @@ class DirectCoding:
         return filter_bank(resample(blocks, rate_in_hz, rate_hz, stop_hz), [kernel])
 
     def live(self, rate_hz: int, block: int) -> CausalStream:
-        """Return the coding at work: the same band to 0.1 dB, its upper edge at `high_hz` and 50 dB down at 1.24 times
-        that.
-        """
+        """Return the coding at work: the same band, 5 dB down at `high_hz` and 50 dB at 1.26 times that."""
         stated_hz = [hertz for hertz in (50.0, 100.0, 200.0, 250.0) if hertz < self.high_hz]
         return _bank_stream(lambda rate: [band_sections(self.low_hz, self.high_hz, rate)], [stated_hz], rate_hz, block)
 

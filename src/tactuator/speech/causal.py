@@ -10,8 +10,11 @@ import scipy
 
 from tactuator.arrays import FloatArray
 
-RIPPLE_DB, STOP_DB, ORDER = 0.1, 50.0, 6
-"""Of the low-pass at the top of the felt band: 4.6 ms late at 250 Hz, 50 dB down from 1.24 times its edge."""
+RIPPLE_DB, STOP_DB, ORDER, FLAT_TO = 0.1, 50.0, 6, 0.93
+"""Of the low-pass at the top of the felt band: within the ripple up to that share of the edge, 5 dB down at the edge (it
+passes as much of the 20 Hz around it as the file's filter), 50 dB from 1.26 times that; 5.2 ms late at 250 Hz."""
+CARRIER_STOP_DB, CARRIER_ORDER = 30.0, 3
+"""Of the low-pass behind carriers, whose sidebands their smoothing has taken down already: 1.1 ms late at 250 Hz."""
 
 
 class CausalBank:
@@ -67,11 +70,18 @@ def group_delay_s(sections: FloatArray, rate_hz: float, frequency_hz: float) -> 
 
 
 def band_sections(low_hz: float, high_hz: float, rate_hz: float) -> FloatArray:
-    """Return a low-pass at `high_hz`, flat within RIPPLE_DB below, after a high-pass at `low_hz` (0: none)."""
-    low_pass = scipy.signal.ellip(ORDER, RIPPLE_DB, STOP_DB, high_hz, fs=rate_hz, output="sos")
+    """Return a low-pass with its edge at `high_hz`, after a high-pass at `low_hz` (0: none)."""
+    low_pass = scipy.signal.ellip(ORDER, RIPPLE_DB, STOP_DB, FLAT_TO * high_hz, fs=rate_hz, output="sos")
     if low_hz == 0.0:
         return np.asarray(low_pass)
     return np.concatenate((scipy.signal.butter(2, low_hz, "highpass", fs=rate_hz, output="sos"), low_pass))
+
+
+def carrier_sections(high_hz: float, rate_hz: float) -> FloatArray:
+    """Return a low-pass for modulated carriers, flat within RIPPLE_DB up to `high_hz`."""
+    return np.asarray(
+        scipy.signal.ellip(CARRIER_ORDER, RIPPLE_DB, CARRIER_STOP_DB, high_hz, fs=rate_hz, output="sos")
+    )
 
 
 @dataclass

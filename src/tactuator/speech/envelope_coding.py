@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.speech.band_codings import band_limit_kernel, live_rate
-from tactuator.speech.causal import CausalBank, CausalStream, band_sections
+from tactuator.speech.causal import CausalBank, CausalStream, carrier_sections
 from tactuator.speech.coding import place
 from tactuator.speech.filters import filter_columns, resample
 
@@ -263,10 +263,10 @@ class EnvelopeCoding:
         return Modulators(self.bands, self._groups(), self.voicing, rate_hz, step, block, self.expansion or 1.0)
 
     def live(self, rate_hz: int, block: int) -> CausalStream:
-        """Return the coding at work: the file's own filters, but for the last, which is 50 dB down at 360 Hz."""
+        """Return the coding at work: the file's own filters, but for the last, which leaves 1 % above 320 Hz."""
         rate, step = live_rate(rate_hz, self.analysis_hz)
         modulators, groups = self._modulators(rate, step, block * step), len(self._groups())
-        top = CausalBank([band_sections(0.0, TOP_HZ, rate_hz)] * groups, rate_hz, block)
+        top = CausalBank([carrier_sections(TOP_HZ, rate_hz)] * groups, rate_hz, block)
         delays = {hertz: late_s + top.delay_s(0, hertz) for hertz, late_s in modulators.delay_s().items()}
         return CausalStream(rate, delays, lambda sound: top.push(modulators.push(sound).T).T)
 

@@ -1,5 +1,7 @@
 """The live stream on a simulated display: its delay by clicks, its level against a file's, and how it ends."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -55,11 +57,11 @@ def as_felt(channel, displacement_mm):
 
 
 def band_energies(felt):
-    """Energy of displacement in the third octaves from 100 to 250 Hz, dB, of each finger."""
+    """Energy of displacement in the third octaves from 100 to 250 Hz, and from there to 300, dB, of each finger."""
     power = np.abs(np.fft.rfft(felt, 1 << 15, axis=0)) ** 2
     hertz = np.fft.rfftfreq(1 << 15, 1 / RATE)
-    centres = 1000 * 10.0 ** (np.arange(-10, -5) / 10)
-    rows = [power[(hertz >= c * 10**-0.05) & (hertz < c * 10**0.05)].sum(axis=0) for c in centres]
+    edges = [*(1000 * 10.0 ** (np.arange(-10.5, -5) / 10)), 300.0]
+    rows = [power[(hertz >= low) & (hertz < high)].sum(axis=0) for low, high in pairwise(edges)]
     return 10 * np.log10(np.stack(rows))
 
 
