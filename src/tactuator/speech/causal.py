@@ -11,8 +11,8 @@ import scipy
 from tactuator.arrays import FloatArray
 
 RIPPLE_DB, STOP_DB, ORDER, FLAT_TO = 0.1, 50.0, 6, 0.93
-"""Of the low-pass at the top of the felt band: within the ripple up to that share of the edge, 5 dB down at the edge (it
-passes as much of the 20 Hz around it as the file's filter), 50 dB from 1.26 times that; 5.2 ms late at 250 Hz."""
+"""Of the low-pass at the top of the felt band: within the ripple up to that share of the edge, 5 dB down at the edge,
+where it passes as much as the file's filter, and 50 dB from 1.26 times the edge; 5.2 ms late at 250 Hz."""
 CARRIER_STOP_DB, CARRIER_ORDER = 30.0, 3
 """Of the low-pass behind carriers, whose sidebands their smoothing has taken down already: 1.1 ms late at 250 Hz."""
 
@@ -79,9 +79,7 @@ def band_sections(low_hz: float, high_hz: float, rate_hz: float) -> FloatArray:
 
 def carrier_sections(high_hz: float, rate_hz: float) -> FloatArray:
     """Return a low-pass for modulated carriers, flat within RIPPLE_DB up to `high_hz`."""
-    return np.asarray(
-        scipy.signal.ellip(CARRIER_ORDER, RIPPLE_DB, CARRIER_STOP_DB, high_hz, fs=rate_hz, output="sos")
-    )
+    return np.asarray(scipy.signal.ellip(CARRIER_ORDER, RIPPLE_DB, CARRIER_STOP_DB, high_hz, fs=rate_hz, output="sos"))
 
 
 @dataclass
