@@ -45,7 +45,7 @@ test: install-test lint contract ## everything that must hold: style, types, flo
 	$(BESIDE) suite types core-warnings
 
 quick: install-test lint ## what to run every minute: style, and the tests of single modules
-	$(TEST_ENV) $(BIN)/python -m pytest -q -m quick -n auto $(ARGS)
+	$(TEST_ENV) $(BIN)/python -m pytest -q -m quick -n 2 $(ARGS)
 
 check-slow: install-site install-test ## what takes minutes: fuzzing, packing, installing for real, the site
 	$(PYTHON) tools/install.py slow

@@ -137,38 +137,44 @@ _INTEGRATION = (
     "test_processors",
 )
 
-#: Unit tests that design, identify or simulate for seconds: not for `make quick`.
-_ROOMS = ("console", "core", "experiment", "identification", "measure", "report", "runtime", "synthesis", "api")
-_LONG = (*_ROOMS, "wordlength", "io/test_full_disk", "model/test_response_plant")
+#: Whose tests `make quick` runs, where they import nothing from above: of every lower room what needs least time.
+_QUICK = (
+    *("io/", "measure/", "perception/", "runtime/", "signals/", "speech/test_clips", "speech/test_re", "test_"),
+    *("identification/test_calibration", "identification/test_recursive", "identification/test_distortion"),
+    *("model/test_description", "synthesis/test_monte_carlo", "wordlength/test_bits"),
+)
+_ABOVE = re.compile(r"tactuator\.(cli|console|web|paper|api|report|experiment|rig)\b|^import tactuator", re.MULTILINE)
 
 
-def _kind(place: str) -> str:
+def _kind(file: Path) -> str:
     """The kind of a file's tests, by its place below tests/; "quick" is a unit test that may be."""
+    place = file.relative_to(Path(__file__).parent).as_posix()
     if any(part in place for part in _BROWSER):
         return "browser"
     if place.startswith(_DEVICE):
         return "device"
     if place.startswith(_INTEGRATION):
         return "integration"
-    return "unit" if place.startswith(_LONG) else "quick"
+    quick = place.startswith(_QUICK) and not _ABOVE.search(file.read_text(encoding="utf-8"))
+    return "quick" if quick else "unit"
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """`-m quick` imports no file that has no quick test: that took longer than the tests themselves."""
-    place = collection_path.relative_to(Path(__file__).parent).as_posix()
-    asked = config.getoption("markexpr") == "quick" and place.endswith(".py")
-    return True if asked and _kind(place) != "quick" else None
+    """`-m quick` imports no file that has no quick test, nor what its folder needs: that took longer than the tests."""
+    if config.getoption("markexpr") != "quick":
+        return None
+    files = collection_path.rglob("test_*.py") if collection_path.is_dir() else [collection_path]
+    return None if any(_kind(file) == "quick" for file in files) else True
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test by its place in the tree: browser, device, integration or unit; the slow ones begin first."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)  # or one of them ends alone
-    tests = Path(__file__).parent
-    kinds = {path: _kind(path.relative_to(tests).as_posix()) for path in {item.path for item in items}}
+    kinds = {path: _kind(path) for path in {item.path for item in items}}
     for item in items:
         kind = kinds[item.path]
         item.add_marker("unit" if kind == "quick" else kind)
-        if kind == "quick" and item.get_closest_marker("slow") is None:
+        if kind == "quick" and not any(item.iter_markers("slow")) and not any(item.iter_markers("soak")):
             item.add_marker("quick")
 
 

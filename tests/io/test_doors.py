@@ -56,8 +56,8 @@ def test_hdf5__that_takes_numbers_from_another_file__is_refused(tmp_path, leads)
 def test_hdf5__20_000_tiny_datasets__is_refused_in_a_second_and_a_few_are_read(tmp_path):
     for count in (1000, 20_000):
         with h5py.File(tmp_path / f"{count}.h5", "w", libver="latest") as file:
-            for k in range(count):
-                file.create_dataset(f"d{k}", data=1.0)
+            for k in range(count):  # by the library itself, in a tenth of the time
+                h5py.h5d.create(file.id, b"d%d" % k, h5py.h5t.IEEE_F64LE, h5py.h5s.create(h5py.h5s.SCALAR))
     with opened_hdf5(tmp_path / "1000.h5") as file:
         assert len(file) == 1000
     begun = time.process_time(), os.times().children_user
