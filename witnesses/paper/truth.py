@@ -24,6 +24,7 @@ import numpy as np
 import tactuator as tt
 from tactuator.api.parameters import paper_display
 from tactuator.api.response import MeasuredResponses
+from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.paper.measured import CONFIDENCE_DB
 from tactuator.paper.plan import RESPONSE_HZ, Plan, default_display
@@ -54,12 +55,13 @@ def points(found: dict[str, Any], channel: str, load: str, level: float) -> dict
     return {name: np.array([row[name] for row in rows]) for name in ("measured_v", "ci_db", "saturated")}
 
 
-def mean_volts(plan: Plan, controller: tt.Controller, level: float, load: str, seeds: list[int]) -> np.ndarray:
+def mean_volts(plan: Plan, controller: Controller, level: float, load: str, seeds: list[int]) -> np.ndarray:
     """Return what the sensors show, the mean of a measurement on every seed, (channels, frequencies)."""
-    return np.mean([[row.magnitude_v for row in measured(plan, controller, level, load, seed)] for seed in seeds], 0)
+    volts = [[row.magnitude_v for row in measured(plan, controller, level, load, seed)] for seed in seeds]
+    return np.asarray(np.mean(volts, axis=0))
 
 
-def measured(plan: Plan, controller: tt.Controller, level: float, load: str, seed: int) -> tuple[Any, ...]:
+def measured(plan: Plan, controller: Controller, level: float, load: str, seed: int) -> tuple[Any, ...]:
     """Return one measurement of all channels, as the study makes it."""
     together = 1.0 - 0.01 / (len(RESPONSE_HZ) * len(plan.display.channels))
     rig = tt.SimulatedRig(plan.display, seed)
