@@ -49,8 +49,8 @@ from tactuator.io.atomic import atomic_folder
 TableRow = dict[str, Any]
 _MISSING = "n/a"
 _PLAIN_NUMBER = re.compile(r"-?(\d++\.?\d*+|\.\d++)([eE][+-]?\d++)?", re.ASCII)
-_EXECUTED, _UNSEEN_FIRST = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20"), " \u00a0\ufeff\u200b"
-"""Signs that begin a formula, also of full width, and what programs pass over before them."""
+_EXECUTED = re.compile("[ \u00a0\ufeff\u200b]*+[-=+@\uff1d\uff0b\uff0d\uff20]|[\t\r\n]")
+"""Begins a formula, also with signs of full width and after what programs pass over."""
 _EXACT = 2**53
 
 
@@ -108,8 +108,8 @@ def _column(values: Sequence[Any], missing: str) -> Sequence[Any]:
     if kinds <= {str, NoneType}:
         cells = {value: cell(value, missing) for value in set(values)}
         return [cells[value] for value in values]
-    if kinds == {int} or (kinds == {float} and all(map(isfinite, values))):
-        return values
+    if not missing and kinds <= {int, float, NoneType} and isfinite(sum(filter(None, values))):
+        return values  # all are finite; None is an empty cell
     return [cell(_plain(value), missing) for value in values]
 
 
@@ -132,8 +132,7 @@ def cell(value: Any, missing: str = "") -> Any:
         return missing
     if not isinstance(value, str):
         return value
-    executed = value.lstrip(_UNSEEN_FIRST).startswith(_EXECUTED) or value[0] in "\t\r\n"
-    return f"'{value}" if executed and not _PLAIN_NUMBER.fullmatch(value) else value
+    return f"'{value}" if _EXECUTED.match(value) and not _PLAIN_NUMBER.fullmatch(value) else value
 
 
 @contextmanager

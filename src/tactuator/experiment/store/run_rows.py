@@ -4,6 +4,7 @@ memory of its longest run.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -14,7 +15,7 @@ from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, sele
 
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found
-from tactuator.experiment.store.stored_runs import COLUMNS, INTERVALS, TRIALS, plain_rows, selected
+from tactuator.experiment.store.stored_runs import COLUMNS, plain_rows, selected
 from tactuator.experiment.store.voids import void_reasons
 
 Cells = Sequence[Any]
@@ -23,6 +24,10 @@ AT_ONCE = 2000
 """Trials that are held at a time; a run with more is held whole."""
 _ABOUT = ("study", "subject", "visit", "run", "paradigm", "respondent", "rig_simulated")
 _PLAYED = ("stimulus", "commanded_db_sl", "measured_db_sl")
+_OF_TRIALS = re.compile(r"\b(trial|response|interval)\b|NULL")
+"""What the SQL of a column has that is not the same for all trials of a run."""
+_RUNS = schema.RUNS.outerjoin(schema.protocol_version, schema.run.c.protocol_version_id == schema.protocol_version.c.id)
+_ANSWERED = schema.trial.join(schema.response)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +62,8 @@ def rows_of_runs(connection: Connection, runs: Sequence[Found], usable: schema.U
     """Yield the rows of runs of `runs_in_order`, reading some of them at a time."""
     reasons = void_reasons(connection)
     for part in _parts(runs):
-        trials = _read(connection, "trials", TRIALS, part, usable.trials)
-        intervals = _read(connection, "intervals", INTERVALS, part, usable.trials)
+        trials = _read(connection, "trials", _ANSWERED, part, usable.trials)
+        intervals = _read(connection, "intervals", _ANSWERED.join(schema.interval), part, usable.trials)
         for about in part:
             played = intervals.pop(about.run, [])
             rows = _with_played(trials.pop(about.run, []), played)
@@ -80,13 +85,25 @@ def _parts(runs: Sequence[Found]) -> Iterator[list[Found]]:
 def _read(
     connection: Connection, table: str, source: FromClause, runs: Sequence[Found], where: ColumnElement[bool]
 ) -> dict[int, list[Cells]]:
-    """Return the rows of some runs by run, in order of trials and intervals."""
-    run, order = schema.run.c.id, [schema.trial.c.number]
+    """Return the rows of some runs by run, in order of trials and intervals.
+
+    What holds of a whole run is read once for each: looked up for every row, it took longer than the rows.
+    """
+    names = [column.name for column in COLUMNS[table]]
+    of_run = [column.name for column in COLUMNS[table] if not _OF_TRIALS.search(column.source)]
+    of_row = [name for name in names if name not in of_run]
+    run, order = schema.trial.c.run_id, [schema.trial.c.number]
     if table == "intervals":
         order.append(schema.interval.c.position)
-    wanted = run.in_([each.run for each in runs])
-    query = select(*selected(table)).select_from(source).where(where, wanted).order_by(run, *order)
-    return {each: [*rows] for each, rows in groupby(plain_rows(connection, query), itemgetter(_place(table, "run")))}
+    wanted = [each.run for each in runs]
+    about = plain_rows(
+        connection, select(*selected(table, *of_run)).select_from(_RUNS).where(schema.run.c.id.in_(wanted))
+    )
+    shared = {row[of_run.index("run")]: row for row in about}
+    query = select(run, *selected(table, *of_row)).select_from(source).where(where, run.in_(wanted))
+    in_order = itemgetter(*(([*of_run, "", *of_row]).index(name) for name in names))
+    rows = groupby(plain_rows(connection, query.order_by(run, *order)), itemgetter(0))
+    return {each: [in_order((*shared[each], *row)) for row in of_each] for each, of_each in rows}
 
 
 def _place(table: str, name: str) -> int:
