@@ -36,7 +36,7 @@ _LOG = logging.getLogger(__name__)
 _UNSEEN = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 """Control characters but for tab and line end, and marks that turn the direction of what is read."""
 _LONGEST = 1000
-"""Characters of what was got that a sentence repeats: a cell may have a hundred thousand."""
+"""Characters of each part of a sentence: a cell may have a hundred thousand, and a table as many names."""
 
 
 def visible(text: str) -> str:
@@ -44,6 +44,10 @@ def visible(text: str) -> str:
     other lets a name be read as a different one.
     """
     return _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def _bounded(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 class TactuatorError(Exception):
@@ -67,15 +71,17 @@ class TactuatorError(Exception):
         return self
 
     def __str__(self) -> str:
-        got = self.got if len(self.got) <= _LONGEST else f"{self.got[:_LONGEST]}…"
-        sentence = ": ".join([*self.where, f"{self.key} is {got}" if self.key else got])
-        if self.allowed:
-            sentence = f"{sentence}; {'it must be' if self.key else 'expected'} {self.allowed}"
+        where, got, allowed = _bounded(": ".join(self.where)), _bounded(self.got), _bounded(self.allowed)
+        sentence = f"{where}: " if self.where else ""
+        sentence += f"{_bounded(self.key)} is {got}" if self.key else got
+        if allowed:
+            sentence = f"{sentence}; {'it must be' if self.key else 'expected'} {allowed}"
         return visible(sentence).replace("\n", "\\n")
 
     def document(self) -> Mapping[str, Any]:
         """Return the error as data, for a page."""
-        return {"where": list(self.where), "key": self.key, "got": self.got, "allowed": self.allowed}
+        where, key = [_bounded(place) for place in self.where], _bounded(self.key)
+        return {"where": where, "key": key, "got": _bounded(self.got), "allowed": _bounded(self.allowed)}
 
 
 class BadInput(TactuatorError, ValueError):

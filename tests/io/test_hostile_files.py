@@ -20,7 +20,7 @@ from firmware.build import read_boards
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.codes import taken_for
 from tactuator.experiment.words import read_words
-from tactuator.io import columns, hdf5
+from tactuator.io import columns, hdf5, text_table
 from tactuator.io.cells import cell_pair, cell_value
 from tactuator.io.column_name import column_name
 from tactuator.io.controller import read_controller
@@ -323,6 +323,44 @@ def test_name_or_cell__of_a_hundred_thousand_characters__takes_time_by_its_lengt
 
 def test_refusal__of_a_cell_of_thousands_of_characters__is_a_line_that_can_be_read() -> None:
     assert len(str(BadInput("9" * 30_000, "a number"))) < 1100
+
+
+@pytest.mark.parametrize("name", ["c{}", "c{}.5", "a", "{}"])
+def test_table__of_15_000_columns__is_refused_by_their_number_before_a_cell_is_read(
+    tmp_path, monkeypatch, name
+) -> None:
+    read = []
+    monkeypatch.setattr("tactuator.io.table_layout.cell_value", lambda cell: (read.append(cell), cell_value(cell))[1])
+    for count, refused in ((2000, "which column is which"), (15_000, "a row of 15000 cells; expected up to 2000")):
+        read.clear()
+        names = ",".join(name.format(k) for k in range(count))
+        (tmp_path / "r.csv").write_text(f"{names}\n" + 5 * (",".join(count * ["1"]) + "\n"))
+        one_line(lambda: record(tmp_path / "r.csv"), refused)
+        assert (len(read) < 100) == (count > 2000)
+
+
+def test_table__columns_named_alike__takes_time_by_their_number(tmp_path: Path) -> None:
+    class Name(str):
+        compared = 0
+
+        def __eq__(self, other: object) -> bool:
+            Name.compared += 1
+            return str(self) == other
+
+        __hash__ = str.__hash__
+
+    names = tuple(Name(f"c{k}.5") for k in range(1000))
+    place_of = {name: k for k, name in enumerate(names)}
+    assert not any(text_table._is_nothing_new(k, names, place_of, np.ones((2, 1000))) for k in range(1000))
+    assert Name.compared < 10_000
+
+
+def test_error__of_10_000_names__is_a_line_that_can_be_read_in_each_of_its_parts() -> None:
+    long = ", ".join(f"name{k}" for k in range(10_000))
+    for error in (BadInput(long), BadInput("a", long), BadInput("a", "b", key=long), BadInput("a").within(long, long)):
+        assert len(str(error)) < 1100
+        assert len(json.dumps(error.document())) < 2200
+    assert str(BadInput("a", "b").within("c", "d")) == "c: d: a; expected b"
 
 
 def test_pipe__that_nobody_writes_to__keeps_neither_a_reader_nor_a_server_waiting(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """What is read of a speech file, and every refusal; of a file that was cut: tests/io/test_hostile_files."""
 
+import struct
+
 import numpy as np
 import pytest
 import soundfile
@@ -159,6 +161,100 @@ def test_scan_speech__flac_of_unknown_length__read_to_its_end_and_refused_where_
     path.write_bytes(streamed_[: len(content) // 2])
     with pytest.raises(BadInput, match="lost sync"):
         scan_speech(path)
+
+
+def altered(content, mark, past, form, value):
+    """Bytes with a number of that form written so many bytes past a mark."""
+    at = content.index(mark) + past
+    return content[:at] + struct.pack(form, value) + content[at + struct.calcsize(form) :]
+
+
+HALF_STATED = {
+    "WAV": (b"data", 4, "<I", 64_000), "AIFF": (b"SSND", 4, ">I", 64_008), "AU": (b".snd", 8, ">I", 64_000),
+    "CAF": (b"data", 4, ">q", 64_004), "RF64": (b"ds64", 16, "<Q", 64_000),
+}  # fmt: skip
+"""Where a format states the bytes of its samples, and half of those of 4 s."""
+
+
+@pytest.mark.parametrize("kind", HALF_STATED)
+def test_scan_speech__samples_behind_those_its_head_states__is_refused_and_not_half_read(tmp_path, kind):
+    path, lead = tmp_path / f"speech.{kind.lower()}", np.random.default_rng(2).uniform(-0.5, 0.5, 64_000)
+    soundfile.write(path, lead, 16000, format=kind, subtype="PCM_16")
+    content = path.read_bytes()
+    path.write_bytes(content + bytes(4096))  # as a card or disk fills its last sector
+    assert scan_speech(path).frames == 64_000
+    path.write_bytes(altered(content, *HALF_STATED[kind]))
+    with pytest.raises(BadInput, match=r"ends the samples at byte \d+ of \d+, and 6400\d bytes that are no chunk"):
+        scan_speech(path)
+    path.write_bytes(2 * content)
+    with pytest.raises(BadInput, match=r"a second (RIFF|FORM|RF64|data) at byte|no chunk|marker"):
+        scan_speech(path)
+
+
+def test_scan_speech__flac_that_states_half__read_to_its_end_and_said_or_refused_where_it_is_cut(tmp_path):
+    path = tmp_path / "speech.flac"
+    soundfile.write(path, np.random.default_rng(2).uniform(-0.5, 0.5, 64_000), 16000)
+    whole, content = read(path), path.read_bytes()
+    half = content[:21] + bytes([content[21] & 0xF0]) + struct.pack(">I", 32_000) + content[26:]
+    for behind in (b"", b"TAG" + bytes(125)):
+        path.write_bytes(content + behind)
+        assert scan_speech(path).notes == ()
+    path.write_bytes(half)
+    assert scan_speech(path).notes == ("its head states 32000 samples, 64000 follow: all are read",)
+    np.testing.assert_array_equal(read(path), whole)
+    path.write_bytes(half[: len(half) * 4 // 5])
+    with pytest.raises(BadInput, match="lost sync"):
+        scan_speech(path)
+
+
+@pytest.mark.parametrize("between", [bytes(500), bytes(10_000), b"hello " * 2000, bytes(range(250)) * 40])
+@pytest.mark.parametrize("mode", ["CONSTANT", "VARIABLE"])
+def test_scan_speech__mp3_with_other_bytes_between__is_read_to_its_end_and_they_are_said(tmp_path, between, mode):
+    path = tmp_path / "m.mp3"
+    loud = np.random.default_rng(1).uniform(-0.5, 0.5, 48_000)
+    soundfile.write(path, loud, 16000, bitrate_mode=mode)
+    content = path.read_bytes()
+    path.write_bytes(content + between + content)
+    found = scan_speech(path)
+    assert found.duration_s == pytest.approx(6.2, abs=0.1)
+    assert found.notes == (f"{len(between)} bytes at 3.10 s are no sound: passed over",)
+    got = read(path)[-48_000:]
+    assert np.sqrt(np.mean(got**2)) == pytest.approx(np.sqrt(np.mean(loud**2)), rel=0.2)  # its second part is there
+    at = content.index(b"Info" if b"Info" in content else b"Xing") + 8
+    frames = int.from_bytes(content[at : at + 4], "big")
+    path.write_bytes(content[:at] + struct.pack(">I", frames // 2) + content[at + 4 :])
+    assert scan_speech(path).duration_s == pytest.approx(3.1, abs=0.1)
+    assert "its index states 1." in scan_speech(path).notes[0]
+    path.write_bytes(content[: len(content) // 2] + bytes(20_000))
+    with pytest.raises(BadInput, match=f"truncated, .* of {frames} frames"):
+        scan_speech(path)
+
+
+@pytest.mark.parametrize("subtype", ["VORBIS", "OPUS"])
+def test_scan_speech__ogg_page_cut_missing_or_out_of_order__is_refused_with_its_place(tmp_path, subtype):
+    path = tmp_path / "speech.ogg"
+    soundfile.write(path, np.random.default_rng(2).uniform(-0.5, 0.5, 96_000), 16000, format="OGG", subtype=subtype)
+    assert scan_speech(path).notes == ()
+    content = path.read_bytes()
+    pages = [b"OggS" + page for page in content.split(b"OggS")[1:]]
+    half = len(pages) // 2
+    for spoilt, words in (
+        (content[:-100], f"truncated within the Ogg page at byte {len(content) - len(pages[-1])}"),
+        (b"".join(pages[:half] + pages[half + 1 :]), f"Ogg page {half} is missing"),
+        (b"".join([*pages[:-1], altered(pages[-1], b"OggS", 6, "<q", 8000)]), "states 8000 samples, one before it"),
+        (b"".join([*pages[:half], altered(pages[half], b"OggS", 5, "B", 4), *pages[half + 1 :]]), "marked as the last"),
+    ):
+        path.write_bytes(spoilt)
+        with pytest.raises(BadInput, match=words):
+            scan_speech(path)
+    path.write_bytes(b"".join(pages[:-1]))
+    assert "no Ogg page is marked as the last" in scan_speech(path).notes[0]
+
+
+def test_scan_speech__samples_without_a_head__are_refused(tmp_path):
+    (tmp_path / "speech.raw").write_bytes(bytes(range(256)) * 100)
+    with pytest.raises(BadInput, match="samples without a head"):
+        scan_speech(tmp_path / "speech.raw")
 
 
 @pytest.mark.parametrize("between", [b"", b"TAG" + bytes(125)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from tactuator.api.parameters import paper_display
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.speech.limiter import Limiter
+from tactuator.speech.render import RenderJob, render_file
 from tactuator.speech.taps import CODES, Phoneme, alike, duration_s, taps_signal, usual_layout
 from tactuator.speech.textgrid import read_textgrid
 from tactuator.synthesis.design import design_controller
@@ -107,6 +109,20 @@ def test_textgrid__pipe_without_a_writer_or_a_name_with_nul__is_refused(tmp_path
     for path in (tmp_path / "a.TextGrid", Path("a\0b")):
         with pytest.raises(BadInput):
             read_textgrid(path)
+
+
+def test_textgrid__from_a_pipe__is_read_once_and_render_refuses_what_it_cannot_read_again(tmp_path, controller):
+    pipe = tmp_path / "a.TextGrid"
+    os.mkfifo(pipe)
+    writer = os.open(pipe, os.O_RDWR)
+    os.write(writer, LONG_GRID.encode())
+    threading.Timer(0.2, os.close, (writer,)).start()
+    assert read_textgrid(pipe) == (Phoneme("N", 0.25), Phoneme("OE", 0.5))
+    for name in ("a.TextGrid", "a.wav", "a.haptic"):
+        if name != pipe.name:
+            os.mkfifo(tmp_path / name)
+        with pytest.raises(BadInput, match=f"{name}: it is no file"):
+            render_file(tmp_path / name, tmp_path / "out.wav", RenderJob(controller))
 
 
 def test_taps_signal__on_three_fingers__bursts_at_their_times_and_levels(controller):

@@ -16,7 +16,7 @@ import soundfile
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.hdf5 import opened_hdf5, require_survivable
-from tactuator.io.sound import require_whole, without_remarks
+from tactuator.io.sound import length_remarks, require_whole, without_remarks
 from tactuator.io.text import encoding_of
 from tactuator.io.text_table import last_number_cut_off, read_table
 
@@ -127,6 +127,8 @@ def _gather(name: str, value: Any, columns: dict[str, FloatArray]) -> None:
 
 def _read_sound(path: Path) -> Columns:
     require_whole(path)
+    if remarks := length_remarks(path):
+        raise BadInput(remarks[0], "a file whose head is right")
     with without_remarks(path), soundfile.SoundFile(path) as sound:
         if sound.channels < 2:
             raise BadInput("it has one channel", "two or more, command and position")

@@ -15,6 +15,14 @@ from typing import Any, BinaryIO
 import soundfile
 
 from tactuator.errors import BadInput
+from tactuator.io.sound_frames import (
+    flac_frames,
+    has_true_index,
+    mpeg_remarks,
+    mpeg_runs,
+    require_whole_mpeg,
+    require_whole_ogg,
+)
 
 _STREAMED = 0x7FFF0000
 """Lengths from here on, and 0, are written by a program that did not know the length: ffmpeg, sox, arecord."""
@@ -22,10 +30,8 @@ _HEAD_BYTES, _RIFF_BYTES, _OGG_BEGINS = 36, 12, 2
 _FORMS = {b"RIFF": ("<", b"data"), b"RIFX": (">", b"data"), b"FORM": (">", b"SSND")}
 _KNOWN = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"fLaC", b"OggS", b"caff", b".snd", b"riff")
 _QUIET = threading.RLock()
-_TIMES_LONGER, _TAG_BYTES = 64, 128
-_INDEXES = (b"Xing", b"Info", b"VBRI")
-_FIRST_FRAME_BYTES, _PIECE_BYTES, _FEW_FRAMES = 1 << 12, 1 << 16, 8
-_STATES_FRAMES, _STATES_BYTES, _MONO = 1, 2, 3
+_TIMES_LONGER, _TAG_BYTES, _LOST_FRAMES = 64, 128, 4
+"""Frames that a decoder may leave out of each run: the encoder's delay, and those that refer to what is not there."""
 UNKNOWN_FRAMES = 1 << 62
 """Frames from which on a length is none: a FLAC of a stream states 0."""
 
@@ -34,30 +40,39 @@ def _is_streamed(length: int) -> bool:
     return length == 0 or length >= _STREAMED
 
 
-class _ReadThrough(io.FileIO):
+class _ReadThrough(io.RawIOBase):
     """A file with another head. patches: bytes of it by their place. size: stated for its own."""
 
-    def __init__(self, path: Path, patches: Mapping[int, bytes], size: int) -> None:
-        super().__init__(path)
-        self._patches, self._size, self._real = patches, size, path.stat().st_size
+    def __init__(self, file: BinaryIO, patches: Mapping[int, bytes], size: int) -> None:
+        self._file, self._patches, self._size = file, patches, size
+        self._real = file.seek(0, os.SEEK_END)
+        file.seek(0)
 
     def readinto(self, buffer: Any, /) -> int:
         at, view = self.tell(), memoryview(buffer).cast("B")
         if at >= max(self._real, self._size - _TAG_BYTES):  # MPEG's decoder looks for a tag at the end first
             view[:] = bytes(len(view))
-            super().seek(at + len(view))
+            self._file.seek(at + len(view))
             return len(view)
-        count = super().readinto(view) or 0
-        for place, content in self._patches.items():
-            for k, byte in enumerate(content):
-                if at <= place + k < at + count:
+        content = self._file.read(len(view))
+        view[: len(content)] = content
+        for place, patch in self._patches.items():
+            for k, byte in enumerate(patch):
+                if at <= place + k < at + len(content):
                     view[place + k - at] = byte
-        return count
+        return len(content)
+
+    def tell(self) -> int:
+        return self._file.tell()
 
     def seek(self, offset: int, whence: int = 0, /) -> int:
         if whence == os.SEEK_END:
-            return super().seek(self._size + offset)
-        return super().seek(offset, whence)
+            return self._file.seek(self._size + offset)
+        return self._file.seek(offset, whence)
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
 
 
 class _Forward(soundfile.SoundFile):  # type: ignore[misc]  # the library has no types
@@ -67,49 +82,41 @@ class _Forward(soundfile.SoundFile):  # type: ignore[misc]  # the library has no
         return bool(self.frames < UNKNOWN_FRAMES)
 
 
-def _first_frame(file: BinaryIO, head: bytes) -> tuple[int, bytes]:
-    """Return where the frames of an MP3 begin, behind its tag, and the first of them."""
-    begins = 0
-    if head[:3] == b"ID3":
-        begins = 10 + sum((byte & 127) << 7 * (3 - k) for k, byte in enumerate(head[6:10]))
-    file.seek(begins)
-    return begins, file.read(_FIRST_FRAME_BYTES)
-
-
-def _patches_of_joined(path: Path) -> dict[int, bytes]:
-    """Return what hides the index of an MP3 behind whose last frame by that index others follow, of a second file."""
-    with path.open("rb") as file:
-        begins, first = _first_frame(file, file.read(_HEAD_BYTES))
-        found = re.search(rb"(?:Xing|Info)...(.)(.{8})", first, re.DOTALL)
-        if found is None or not found[1][0] & _STATES_BYTES:
-            return {}
-        at = 4 * (found[1][0] & _STATES_FRAMES)
-        file.seek(begins + int.from_bytes(found[2][at : at + 4], "big"))
-        rest = file.read(_PIECE_BYTES)
-    other = re.search(rb"(\xff[\xe2-\xff]..)(?:.{9}|.{17}|.{32})(?:Xing|Info)", rest, re.DOTALL)
-    if other and _kind_of_frame(other[1]) != _kind_of_frame(first):
-        raise BadInput("joined MP3 files of two rates, or of mono and stereo", "one file, as `ffmpeg` joins them")
-    return {begins + found.start(): bytes(4)} if other or rest.count(first[:2]) >= _FEW_FRAMES else {}
-
-
-def _kind_of_frame(head: bytes) -> tuple[int, int, bool]:
-    """Return version, rate and whether it is mono, of a frame of MPEG sound."""
-    return head[1] & 0xFE, head[2] & 0x0C, head[3] >> 6 == _MONO
+def _begins(head: bytes) -> int:
+    """Return where the frames of an MP3 begin, behind its tag."""
+    return 10 + sum((byte & 127) << 7 * (3 - k) for k, byte in enumerate(head[6:10])) if head[:3] == b"ID3" else 0
 
 
 def is_indexed(path: Path) -> bool:
     """Return whether the length that the library gives is the file's own: an MP3 without an index is estimated."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
-        if head[:4] in _KNOWN:
-            return True
-        _, first = _first_frame(file, head)
-    if any(index in first for index in _INDEXES):
-        return not _patches_of_joined(path)
-    if head[:3] == b"ID3" or head[:1] == b"\xff":
-        return False
-    with without_remarks(path):  # a recording of a broadcast begins anywhere
+    if head[:4] in _KNOWN:
+        return True
+    if runs := mpeg_runs(path):
+        return has_true_index(runs, _begins(head))
+    with without_remarks(path):  # of free bit rate
         return bool(soundfile.info(str(path)).format != "MP3")
+
+
+def length_remarks(path: Path) -> tuple[str, ...]:
+    """Return where a file's head and what it holds disagree in how long it is. Raises OSError."""
+    with path.open("rb") as file:
+        head = file.read(4)
+    if head == b"OggS":
+        return () if require_whole_ogg(path) else ("no Ogg page is marked as the last: it may be cut off",)
+    if head == b"fLaC":
+        _, stated, held = flac_frames(path)
+        return (f"its head states {stated} samples, {held} follow: all are read",) if held > stated > 0 else ()
+    return tuple(mpeg_remarks(mpeg_runs(path))) if head not in _KNOWN else ()
+
+
+def frames_held(path: Path) -> int:
+    """Return how many samples an MP3 holds at least by its frames; 0 for another file."""
+    with path.open("rb") as file:
+        if file.read(4) in _KNOWN:
+            return 0
+    return sum(run.samples - _LOST_FRAMES * run.samples // run.frames for run in mpeg_runs(path))
 
 
 @contextmanager
@@ -125,9 +132,8 @@ def opened_sound(path: Path) -> Iterator[soundfile.SoundFile]:
 def _source(path: Path) -> Path | _ReadThrough:
     size = path.stat().st_size
     if not is_indexed(path):
-        return _ReadThrough(
-            path, _patches_of_joined(path), _TIMES_LONGER * size + _TAG_BYTES
-        )  # the estimate goes by the first frames
+        file = io.BytesIO(_frames_of(path)) if mpeg_runs(path) else path.open("rb")
+        return _ReadThrough(file, {}, _TIMES_LONGER * size + _TAG_BYTES)  # the estimate goes by the first frames
     with path.open("rb") as file:
         head = file.read(_RIFF_BYTES)
         if head[:4] in (b"RIFF", b"RIFX"):
@@ -137,13 +143,29 @@ def _source(path: Path) -> Path | _ReadThrough:
                 begins = file.tell()
                 if chunk[:4] == wanted and _is_streamed(length) and not 0 < length <= size - begins:
                     real = struct.pack(f"{order}I", min(size - begins, 0xFFFFFFFE))
-                    return _ReadThrough(path, {4: struct.pack(f"{order}I", size - 8), begins - 4: real}, size)
+                    return _ReadThrough(
+                        path.open("rb"), {4: struct.pack(f"{order}I", size - 8), begins - 4: real}, size
+                    )
                 if chunk[:4] == wanted:
                     break
                 file.seek(length + length % 2, 1)
         elif head[:4] in _UNKNOWN_LENGTH and (patches := _UNKNOWN_LENGTH[head[:4]](file, size)):
-            return _ReadThrough(path, patches, size)
+            return _ReadThrough(path.open("rb"), patches, size)
     return path
+
+
+def _frames_of(path: Path) -> bytes:
+    """Return the frames of sound of an MP3, without what lies between them and without an index."""
+    content = path.read_bytes()
+    return b"".join(content[run.begin : run.end] for run in mpeg_runs(path))
+
+
+def _patches_of_flac(file: BinaryIO, size: int) -> dict[int, bytes]:
+    at, stated, held = flac_frames(Path(file.name))
+    if not held > stated > 0:
+        return {}
+    file.seek(at)
+    return {at: bytes([file.read(1)[0] & 0xF0, 0, 0, 0, 0])}
 
 
 def _patches_of_au(file: BinaryIO, size: int) -> dict[int, bytes]:
@@ -192,6 +214,7 @@ def _patches_of_w64(file: BinaryIO, size: int) -> dict[int, bytes]:
 _UNKNOWN_64, _W64_HEAD_BYTES = (0, (1 << 63) - 1, (1 << 64) - 1), 40
 _UNKNOWN_LENGTH = {
     b".snd": _patches_of_au, b"caff": _patches_of_caf, b"RF64": _patches_of_rf64, b"riff": _patches_of_w64,
+    b"fLaC": _patches_of_flac,
 }  # fmt: skip
 """By the first bytes of a file, what gives the lengths that its writer did not know, by their places."""
 
@@ -226,14 +249,16 @@ def require_whole(path: Path) -> None:
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
         if head[:4] not in _KNOWN:
-            _patches_of_joined(path)
+            require_whole_mpeg(mpeg_runs(path))
         if name := {b"OggS": "Ogg", b"fLaC": "FLAC"}.get(head[:4]):
             kinds = re.findall(rb"OggS\0(.)|fLaC[\0\x80]\0\0\x22", path.read_bytes(), re.DOTALL)
             begins = sum(name == "FLAC" or kind[0] & _OGG_BEGINS > 0 for kind in kinds)
             if begins > 1:
                 raise BadInput(f"{begins} {name} streams in one file", "a single one, which is all that is read")
         if len(head) == _HEAD_BYTES and head[:4] in _STATED:
-            _require(_STATED[head[:4]](file, head), size)
+            end = _STATED[head[:4]](file, head)
+            _require(end, size)
+            _require_no_samples_behind(file, end, size, _CHUNKS.get(head[:4]))
         if len(head) < _RIFF_BYTES or head[:4] not in _FORMS:
             return
         file.seek(_RIFF_BYTES)
@@ -241,7 +266,9 @@ def require_whole(path: Path) -> None:
         (stated,) = struct.unpack(f"{order}I", head[4:8])
         if not _is_streamed(stated):
             _require(stated + 8, size)
-        _require(_end_of_samples(file, order, wanted, size), size)
+        end = _end_of_samples(file, order, wanted, size)
+        _require(end, size)
+        _require_no_samples_behind(file, end + end % 2, size, f"{order}4sI")
 
 
 def forget_time(path: Path) -> None:
@@ -268,14 +295,48 @@ def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int
     return 0
 
 
+def _require_no_samples_behind(file: BinaryIO, end: int, size: int, chunk: str | None) -> None:
+    """Raise BadInput where behind the samples, which end there, something lies that is neither zeros nor a chunk.
+
+    No reader can tell it from samples that the head does not count. chunk: how a chunk's head is written, None for a
+    format without any.
+    """
+    at = end or size
+    while chunk and at + struct.calcsize(chunk) <= size:
+        file.seek(at)
+        name, length = struct.unpack(chunk, file.read(struct.calcsize(chunk)))
+        if name in _SECOND:
+            raise BadInput(
+                f"a second {name.decode()} at byte {at} of {size}, behind the samples", "one sound in a file"
+            )
+        if not (name.isascii() and name.decode("latin-1").isprintable() and 0 <= length <= size - at):
+            break
+        at += struct.calcsize(chunk) + length + length % 2
+    file.seek(min(at, size))
+    if size - at >= _FEW_BYTES and (rest := file.read()).strip(b"\0"):
+        got = f"its head ends the samples at byte {end} of {size}, and {len(rest)} bytes that are no chunk lie behind"
+        raise BadInput(got, "a file whose sizes hold, as `ffmpeg` or `sox` write it anew")
+
+
+_SECOND, _FEW_BYTES = (b"RIFF", b"RIFX", b"RF64", b"FORM", b"data", b"SSND"), 1024
+_CHUNKS = {b"RF64": "<4sI", b"caff": ">4sq"}
+
+
 def _end_of_au(file: BinaryIO, head: bytes) -> int:
     start, length = struct.unpack(f"{'>' if head[:4] == b'.snd' else '<'}II", head[4:12])
     return 0 if _is_streamed(length) else int(start + length)
 
 
 def _end_of_rf64(file: BinaryIO, head: bytes) -> int:
-    stated = int(struct.unpack("<Q", head[20:28])[0])
-    return stated + 8 if head[12:16] == b"ds64" and stated not in _UNKNOWN_64 else 0
+    stated = int(struct.unpack("<Q", head[28:36])[0])
+    if head[12:16] != b"ds64" or stated in _UNKNOWN_64:
+        return 0
+    file.seek(_RIFF_BYTES)
+    while len(chunk := file.read(8)) == 8:
+        if chunk[:4] == b"data":
+            return file.tell() + stated
+        file.seek(struct.unpack("<I", chunk[4:])[0], 1)
+    return 0
 
 
 def _end_of_w64(file: BinaryIO, head: bytes) -> int:

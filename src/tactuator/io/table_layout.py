@@ -13,6 +13,8 @@ from tactuator.io.column_name import column_name, is_units, unit_of
 
 DELIMITERS = ("\t", ";", ",", None)
 _FIRST_ROWS = 200
+_MOST_COLUMNS = 2000
+"""Columns of a table; a line of more is not looked at, as an HDF5 file of more datasets is not."""
 _TEXT_COSTS = 0.75
 """Numbers that a cell of text counts against, where the mark between cells is sought."""
 _OF_TOUCHSTONE = {"hz", "khz", "mhz", "ghz", "s", "y", "z", "h", "g", "ma", "db", "ri", "r"}
@@ -77,6 +79,8 @@ def find_layout(lines: Sequence[str], ending: str = "") -> Layout | None:
     rows, delimiter = _parted(lines)
     numeric = [row for row in rows if row.is_numeric][-_FIRST_ROWS:]
     if not numeric:
+        if (widest := max((len(row.cells) for row in rows), default=0)) > _MOST_COLUMNS:
+            raise BadInput(f"a row of {widest} cells", f"up to {_MOST_COLUMNS} columns")
         return None
     width = statistics.mode(len(row.cells) for row in numeric)
     among = [row.cells for row in numeric if len(row.cells) == width]
@@ -141,7 +145,7 @@ def _rows(lines: Sequence[str], delimiter: str | None) -> Iterator[_Row]:
         if line.isspace() or is_comment(line, delimiter):
             continue
         cells = parts(line, delimiter)
-        given = [cell for cell in cells if not is_empty(cell)]
+        given = [cell for cell in cells if not is_empty(cell)] if len(cells) <= _MOST_COLUMNS else []
         numbers = sum(map(_is_number, given))
         texts = sum(not _is_number(cell) and not is_stamp(cell) for cell in given)
         yield _Row(place, cells, numbers, texts)

@@ -65,7 +65,11 @@ def read_text(path: Path) -> str:
 
     Raises BadInput, with the reason alone, as `read_content` and for what is no text.
     """
-    content = read_content(path)
+    return text_of(read_content(path))
+
+
+def text_of(content: bytes) -> str:
+    """Return the text that a file's bytes are, as `read_text`."""
     try:
         return content.decode(encoding_of(content[:64])).replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:

@@ -26,6 +26,8 @@ LARGEST_BYTES = 2 << 30
 _PIECE_CHARACTERS, _LONGEST_LINE = 2_000_000, 1_000_000
 _MOST_REMARKS = _MOST_LINES = 100_000
 _FIRST_ROWS, _FIRST_LINES = 200, 600
+_FEW_LINES, _FIRST_CHARACTERS = 20, 200_000
+"""Lines in which the layout is sought at least, and the characters after which no more are."""
 _OF_NUMBERS = b"0123456789.eE+- "
 
 
@@ -75,25 +77,27 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
         rows = _Rows(stream, layout)
         blocks, cut = rows.numbers(most_rows, most_values)
     table = np.concatenate(blocks)
-    kept = [k for k, name in enumerate(layout.names) if not _is_nothing_new(name, k, layout.names, table)]
+    place_of = {name: k for k, name in reversed(list(enumerate(layout.names)))}
+    kept = [k for k in range(len(layout.names)) if not _is_nothing_new(k, layout.names, place_of, table)]
     return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut, rows.footer, layout.rate_hz)
 
 
-def _is_nothing_new(name: str, place: int, names: tuple[str, ...], table: FloatArray) -> bool:
+def _is_nothing_new(place: int, names: tuple[str, ...], place_of: Mapping[str, int], table: FloatArray) -> bool:
     """Return whether a column is without a name and empty, or the same as another of its name, as a second time is."""
-    stem, _, number = name.rpartition(".")
-    if number.isdigit() and stem in names[:place]:
-        return np.array_equal(table[:, place], table[:, names.index(stem)])
-    return name == f"column{place + 1}" and not np.isfinite(table[:, place]).any()
+    stem, _, number = names[place].rpartition(".")
+    if number.isdigit() and place_of.get(stem, place) < place:
+        return np.array_equal(table[:, place], table[:, place_of[stem]])
+    return names[place] == f"column{place + 1}" and not np.isfinite(table[:, place]).any()
 
 
 def _first_lines(stream: TextIO) -> list[str]:
-    """Return the first lines, so many that some hundred of them are no remarks."""
-    lines, rows = [], 0
+    """Return the first lines, so many that some hundred of them are no remarks; fewer where they are long."""
+    lines, rows, characters = [], 0, 0
     for line in itertools.islice(_lines(stream), _MOST_REMARKS):
         lines.append(line)
-        rows += not line.isspace() and not is_comment(line, ";")
-        if rows == _FIRST_LINES:
+        if not line.isspace() and not is_comment(line, ";"):
+            rows, characters = rows + 1, characters + len(line)
+        if rows == _FIRST_LINES or (rows >= _FEW_LINES and characters > _FIRST_CHARACTERS):
             break
     return lines
 

@@ -20,7 +20,15 @@ from numpy.typing import NDArray
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.kinds import require_kind
-from tactuator.io.sound import UNKNOWN_FRAMES, is_indexed, opened_sound, require_whole, without_remarks
+from tactuator.io.sound import (
+    UNKNOWN_FRAMES,
+    frames_held,
+    is_indexed,
+    length_remarks,
+    opened_sound,
+    require_whole,
+    without_remarks,
+)
 
 BLOCK_FRAMES, KEPT_BYTES = 1 << 16, 1 << 25
 """So many frames go together; a file of no more than the second is read once."""
@@ -85,7 +93,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
     """
     path = Path(path)
     require_kind(path, "sound")
-    _check_bytes(path)
+    remarks = _check_bytes(path)
     try:
         with without_remarks(path), opened_sound(path) as file:
             rate, frames, channels = file.samplerate, file.frames, file.channels
@@ -97,6 +105,10 @@ def scan_speech(path: str | Path) -> SpeechFile:
         raise BadInput(f"{path}: not readable as sound ({reason})", "WAV, FLAC, Ogg, AIFF, ...") from None
     if frames < UNKNOWN_FRAMES and is_indexed(path) and found.frames != frames:
         raise BadInput(f"{path}: truncated, {found.frames} of {frames} frames are there", "a whole file")
+    if found.frames < (held := frames_held(path)):
+        raise BadInput(
+            f"{path}: {found.frames} of {held} samples or more can be decoded", "one that `ffmpeg` wrote anew"
+        )
     _check_header(path, rate, found.frames)
     mean = found.mean
     peak = max(found.high - mean, mean - found.low)
@@ -106,7 +118,7 @@ def scan_speech(path: str | Path) -> SpeechFile:
         raise BadInput(f"{path}: {what}", f"a signal with a peak of at least {SMALLEST_SWING:g} about its mean")
     if peak > LARGEST_SWING:
         raise BadInput(f"{path}: a peak of {peak:.3g} times full scale", f"up to {LARGEST_SWING:g}")
-    notes = tuple(_notes(found, channels, peak))
+    notes = (*remarks, *_notes(found, channels, peak))
     return SpeechFile(path, rate, found.frames, channels, encoding, mean, peak, notes, tuple(found.kept))
 
 
@@ -126,18 +138,23 @@ def _signal(block: _Samples, mean: float) -> FloatArray:
     return np.asarray(block * _UNIT[block.dtype] - mean)
 
 
-def _check_bytes(path: Path) -> None:
+def _check_bytes(path: Path) -> tuple[str, ...]:
+    """Return where the head and the content disagree. Raises BadInput for no file, or one that ends early."""
     if not path.is_file():
         raise BadInput(f"{path}: {'it is a folder' if path.is_dir() else 'file not found'}")
+    if path.suffix.lower() == ".raw":
+        raise BadInput(f"{path}: samples without a head", "WAV, FLAC, Ogg, AIFF, ..., as `sox` makes of them")
     try:
         size = path.stat().st_size
         require_whole(path)
+        remarks = length_remarks(path)
     except BadInput as error:
         raise error.within(f"{path}") from None
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror})", "a readable sound file") from None
     if size == 0:
         raise BadInput(f"{path}: empty, 0 bytes", "a sound file")
+    return remarks
 
 
 def _check_header(path: Path, rate: int, frames: int) -> None:

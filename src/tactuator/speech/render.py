@@ -134,7 +134,13 @@ def signal_of(source: Path, job: RenderJob, workspace: Path | None = None) -> It
 
 
 def source_of(source: Path, job: RenderJob) -> dict[str, Any]:
-    """Return what a reference states of where it came from: a source's name and content, and the job's settings."""
+    """Return what a reference states of where it came from: a source's name and content, and the job's settings.
+
+    Raises BadInput for a source that is no file: a pipe could not be read once more.
+    """
+    if not source.is_file():
+        what = "it is a folder" if source.is_dir() else "it is no file" if source.exists() else "file not found"
+        raise BadInput(f"{source}: {what}")
     digest = hashlib.sha256()
     with source.open("rb") as file:
         while part := file.read(1 << 20):
@@ -161,8 +167,9 @@ def render_file(
             check_suffix(path)
     if felt_out is not None and felt_out.resolve() == out.resolve():
         raise BadInput(f"--felt and --out are both {out}", "two files")
+    provenance = source_of(source, job)
     with signal_of(source, job, out.parent) as signal:
-        return write_signal(signal, out, job, source_of(source, job), felt_out, progress)
+        return write_signal(signal, out, job, provenance, felt_out, progress)
 
 
 def write_signal(

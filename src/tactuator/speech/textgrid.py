@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 
 from tactuator.errors import BadInput, within
-from tactuator.io.text import read_content, read_text
+from tactuator.io.text import read_content, text_of
 from tactuator.speech.taps import Phoneme
 
 MOST_PHONEMES, LONGEST_S = 10_000, 3600.0
@@ -38,8 +38,9 @@ def read_textgrid(path: Path) -> tuple[Phoneme, ...]:
     Raises BadInput for a phoneme that is not one of the 39, times that go back, or a file that holds no phonemes.
     """
     with within(str(path)):
-        _require_plain_text(path)
-        spoken = [Phoneme(name, start_s) for label, start_s in _intervals(read_text(path)) if (name := _name(label))]
+        content = read_content(path)
+        _require_plain_text(content[:100])
+        spoken = [Phoneme(name, start_s) for label, start_s in _intervals(text_of(content)) if (name := _name(label))]
         if not 0 < len(spoken) <= MOST_PHONEMES:
             raise BadInput(f"{len(spoken)} phonemes", f"1 to {MOST_PHONEMES}")
         times = [each.start_s for each in spoken]
@@ -48,9 +49,8 @@ def read_textgrid(path: Path) -> tuple[Phoneme, ...]:
     return tuple(spoken)
 
 
-def _require_plain_text(path: Path) -> None:
+def _require_plain_text(head: bytes) -> None:
     """Raise BadInput for Praat's other two forms of a TextGrid, by name."""
-    head = read_content(path)[:100]
     for mark, form in ((b"ooBinaryFile", "binary"), (b"Praat chronological", "chronological")):
         if mark in head:
             raise BadInput(

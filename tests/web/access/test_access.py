@@ -198,7 +198,15 @@ def test_requests__malformed_or_oversized__are_refused_quietly(client, caplog, m
         with client.websocket_connect("/ws/operator") as operator, pytest.raises(ConnectionClosed, match="4003"):
             operator.send_text(text)
             until(operator, "never")
+    with (
+        connect(f"ws://127.0.0.1:{client.port}/ws/operator") as operator,
+        pytest.raises(ConnectionClosed, match="1007"),
+    ):
+        operator.send(b"\xff\xfe", text=True)
+        while True:
+            operator.recv(timeout=10.0)
     assert client.get("/").status == 200
+    assert [record for record in caplog.records if "UTF-8" in record.getMessage()]  # the server has seen it
     quiet = [record for record in caplog.records if serving._tells_of_us(record)]
     assert quiet == []
 
