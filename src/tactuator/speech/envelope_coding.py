@@ -8,7 +8,7 @@ at the end, with linear phase from a file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -86,6 +86,10 @@ TOP_HZ = 290.0
 """What is felt of the carriers and their sidebands is below."""
 
 
+_GATES = {"always": (1.0, 0.0), "voiced": (0.0, 1.0), "unvoiced": (1.0, -1.0)}
+"""What a gate lets through without voicing, and what voicing adds."""
+
+
 class Modulators:
     """Bands on their carriers at work: speech (n,) at rate_hz to (n / step, groups), each group the sum of its bands.
 
@@ -107,7 +111,10 @@ class Modulators:
         self._groups = [groups.index(band.fingers) for band in bands]
         self._ratio = voicing.ratio
         self._gated = any(band.gate != "always" for band in bands)
-        self._carriers = [_Carrier(band.carrier_hz, rate_hz / step) for band in bands]
+        self._carriers = _Carriers([band.carrier_hz for band in bands], rate_hz / step)
+        self._half = [k for k, band in enumerate(bands) if band.rectifier == "half"]
+        self._gains = 10.0 ** (np.array([[band.gain_db] for band in bands]) / 20.0)
+        self._open, self._opens = np.array([_GATES[band.gate] for band in bands]).T[:, :, None]
         filters = [_butter(band.order, band.low_hz, band.high_hz, rate_hz) for band in bands]
         smooth = [_butter(band.smooth_order, 0.0, band.smooth_hz, rate_hz / step) for band in bands]
         if self._gated:
@@ -123,18 +130,20 @@ class Modulators:
     def push(self, block: FloatArray) -> FloatArray:
         """Return a block whose length is a multiple of the step, modulated."""
         filtered = self._filters.push(np.broadcast_to(block, (self._rows, len(block))))
-        half = [k for k, band in enumerate(self._bands) if band.rectifier == "half"]
-        filtered[half] = np.maximum(filtered[half], 0.0)
+        if self._half:
+            filtered[self._half] = np.maximum(filtered[self._half], 0.0)
         envelopes = self._smooth.push(_means(np.abs(filtered, out=filtered), self._step))
-        degree = self._voiced(*envelopes[len(self._bands) :]) if self._gated else np.ones(1)
+        bands = envelopes[: len(self._bands)]
         if self._expansion != 1.0:
-            envelopes = envelopes * (np.abs(envelopes) / EXPANDED_FROM) ** (self._expansion - 1.0)
-        output = np.zeros((envelopes.shape[1], max(self._groups) + 1))
-        for band, group, envelope, carrier in zip(self._bands, self._groups, envelopes, self._carriers, strict=False):
-            gain = 10.0 ** (band.gain_db / 20.0)
-            gate = {"always": 1.0, "voiced": degree, "unvoiced": 1.0 - degree}[band.gate]
-            output[:, group] += gain * envelope * gate * carrier.next(len(output))
-        return output
+            bands = bands * (np.abs(bands) / EXPANDED_FROM) ** (self._expansion - 1.0)
+        bands = self._gains * bands
+        if self._gated:
+            bands *= self._open + self._opens * self._voiced(*envelopes[len(self._bands) :])
+        bands *= self._carriers.next(bands.shape[1])
+        output = np.zeros((max(self._groups) + 1, bands.shape[1]))
+        for band, group in zip(bands, self._groups, strict=True):
+            output[group] += band
+        return output.T
 
     def _voiced(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the degree of voicing, sample by sample at the display's rate."""
@@ -167,8 +176,7 @@ def _in_steps(blocks: Iterable[FloatArray], step: int) -> Iterator[FloatArray]:
 
 def _means(samples: FloatArray, step: int) -> FloatArray:
     """Return the mean of every `step` samples of rows: the rectified signals at the display's rate."""
-    weights = np.full(step, 1.0 / step)
-    return np.stack([row.reshape(-1, step) @ weights for row in samples])
+    return np.asarray(samples.reshape(len(samples), -1, step) @ np.full(step, 1.0 / step))
 
 
 def _butter(order: int, low_hz: float, high_hz: float | None, rate_hz: float) -> FloatArray:
@@ -185,27 +193,26 @@ def _butter(order: int, low_hz: float, high_hz: float | None, rate_hz: float) ->
     return np.asarray(scipy.signal.butter(order, edge, kind, fs=rate_hz, output="sos"))
 
 
-class _Carrier:
-    """A sine that begins at zero. Whole frequencies and rates repeat every second: one second is kept."""
+class _Carriers:
+    """Sines that begin at zero, (carriers, n). Whole frequencies and rates repeat every second: one second is kept."""
 
-    def __init__(self, frequency_hz: float, rate_hz: float) -> None:
-        self._per_sample = frequency_hz / rate_hz
-        whole = frequency_hz == int(frequency_hz) and rate_hz == int(rate_hz)
-        self._second = self._sine(np.arange(int(rate_hz))) if whole else None
+    def __init__(self, frequencies_hz: Sequence[float], rate_hz: float) -> None:
+        self._per_sample = np.array(frequencies_hz)[:, None] / rate_hz
+        whole = all(each == int(each) for each in (*frequencies_hz, rate_hz))
+        self._second = self._sines(np.arange(int(rate_hz))) if whole else None
         self._at = 0
 
-    def _sine(self, index: NDArray[np.int64]) -> FloatArray:
+    def _sines(self, index: NDArray[np.int64]) -> FloatArray:
         return np.asarray(np.sin(2.0 * np.pi * np.mod(index * self._per_sample, 1.0)))
 
     def next(self, count: int) -> FloatArray:
         start, self._at = self._at, self._at + count
         if self._second is None:
-            return self._sine(start + np.arange(count))
-        length = len(self._second)
-        first = start % length
+            return self._sines(start + np.arange(count))
+        first, length = start % self._second.shape[1], self._second.shape[1]
         if first + count <= length:
-            return self._second[first : first + count]
-        return np.resize(np.roll(self._second, -first), count)
+            return self._second[:, first : first + count]
+        return np.take(self._second, np.arange(first, first + count), axis=1, mode="wrap")
 
 
 OUR_BANDS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Annotated
 
@@ -76,20 +77,22 @@ class LiveLevel:
         """Return the power that counts as noise: what never paused so far is not, if it is loud."""
         most = max(self._loudest * 10.0 ** (-BELOW_SPEECH_DB / 10.0), 0.5 * 10.0 ** (NOISY_DB / 10.0))
         least = min(self._quiet)
-        return min(least, most) if np.isfinite(least) else 0.0
+        return min(least, most) if math.isfinite(least) else 0.0
 
     def push(self, rows: FloatArray) -> FloatArray:
         """Return the rows at their level."""
         seconds = len(rows) / self._rate_hz
-        power = float(np.max(np.mean(rows**2, axis=0)))
+        power = float(np.einsum("ij,ij->j", rows, rows).max()) / len(rows)
         self._listen(power, seconds)
         former = float(from_db(self.gain_db)) * self._gate
         if self._settings.gain_db is None and self.open:
             self._adapt(power, seconds)
         towards = 1.0 if self.open else 0.0
         most = seconds / (OPEN_S if towards else SHUT_S)
-        self._gate += float(np.clip(towards - self._gate, -most, most))
+        self._gate += min(max(towards - self._gate, -most), most)
         gain = float(from_db(self.gain_db)) * self._gate
+        if gain == former:
+            return np.asarray(rows * gain)
         line = former + (gain - former) / len(rows) * np.arange(1, len(rows) + 1)
         return np.asarray(rows * line[:, None])
 
@@ -115,4 +118,4 @@ class LiveLevel:
         error_db = wanted_db - self.gain_db
         slow_s = self._settings.attack_s if error_db < 0.0 else self._settings.release_s
         gain_db, most = self.gain_db + error_db * min(1.0, seconds / slow_s), self._settings.range_db
-        self.gain_db = float(np.clip(gain_db, self._middle_db - most, self._middle_db + most))
+        self.gain_db = min(max(gain_db, self._middle_db - most), self._middle_db + most)

@@ -91,6 +91,7 @@ class LiveLimiter:
         self._most_effect = (sums[:, length:] - sums[:, :-length]).max(axis=1)
         fade = 0.5 + 0.5 * np.cos(np.pi * (np.arange(self.look_ahead) + 0.5) / self.look_ahead)
         self._window = np.concatenate((np.ones(block), fade))
+        self._fresh = self._window - self._planned(self._window)
         self.max_reduction_db, self.reduced = 0.0, 0
         self.reset()
 
@@ -98,42 +99,46 @@ class LiveLimiter:
         """Begin again with a display at rest."""
         channels = len(self._limits.peak)
         self._waiting = np.zeros((channels, self.look_ahead))
-        self._plan = np.ones((channels, 1)) * np.concatenate((self._window[self._block :], np.zeros(self._block)))
+        self._gains, self._untouched = np.tile(self._window, (channels, 1)), True
         self._predicted = np.zeros((len(self._limits.limit), self._reach), np.float32)
-        self._gain = np.ones(channels)
         self._most = np.zeros(len(self._limits.limit))
         self._forget_waiting()
 
     def _forget_waiting(self) -> None:
-        self._late = np.zeros((len(self._gain), self.look_ahead + (1 + WAITING) * self._block))
+        self._late = np.zeros((len(self._gains), self.look_ahead + (1 + WAITING) * self._block))
         self._late_blocks = 0
+
+    def _planned(self, gains: FloatArray) -> FloatArray:
+        """Return the gains that a plan has for the next block and the look-ahead behind it."""
+        return np.concatenate((gains[..., self._block :], np.zeros((*gains.shape[:-1], self._block))), axis=-1)
 
     def push(self, rows: FloatArray) -> FloatArray:
         """Return the rows of LOOK_AHEAD_S before, limited."""
-        signal, now = np.hstack((self._waiting, rows.T)), np.maximum(self._gain, LEAST_GAIN)[:, None]
-        wanted = np.minimum(1.0, now * self._rise ** np.arange(1, signal.shape[1] + 1)) * self._window
-        change = signal * (wanted - self._plan)
-        if (self._gain == 1.0).all() and self._passes(signal, change):
-            return self._commit(signal, wanted)
+        signal = np.concatenate((self._waiting, rows.T), axis=1)
+        self._waiting = signal[:, self._block :]
+        if self._untouched and self._passes(signal):
+            return signal[:, : self._block].T
         if self._late_blocks:
             self._predict(self._predicted + self._effect(self._late), self._late_blocks)
-        effect = self._effect(change)
+        plan, now = self._planned(self._gains), np.maximum(self._gains[:, self._block - 1], LEAST_GAIN)[:, None]
+        wanted = np.minimum(1.0, now * self._rise ** np.arange(1, signal.shape[1] + 1)) * self._window
+        effect = self._effect(signal * (wanted - plan))
         excess = self._excess(signal * wanted, self._predicted + effect)
         if (excess > 1.0).any():  # less of it, before any of it is given up
             line = np.minimum(1.0, np.arange(1, signal.shape[1] + 1) / self._block)
             lower = now * (1.0 - line * (1.0 - 1.0 / excess[:, None])) * self._window
             wanted = np.where(excess[:, None] > 1.0, lower, wanted)
-            effect = self._effect(signal * (wanted - self._plan))
-        share = self._share(signal * self._plan, signal * (wanted - self._plan), effect)
+            effect = self._effect(signal * (wanted - plan))
+        share = self._share(signal * plan, signal * (wanted - plan), effect)
         self._predict(self._predicted + share[self._limits.channel, None].astype(np.float32) * effect, 1)
-        return self._commit(signal, self._plan + share[:, None] * (wanted - self._plan))
+        return self._commit(signal, np.where(share[:, None] == 1.0, wanted, plan + share[:, None] * (wanted - plan)))
 
-    def _passes(self, signal: FloatArray, change: FloatArray) -> bool:
+    def _passes(self, signal: FloatArray) -> bool:
         """Return whether a block keeps every limit untouched; its effect is then predicted, now or later."""
         if (np.abs(signal).max(axis=1) > self._limits.peak).any():
             return False
         late, at = self._late.copy(), self._late_blocks * self._block
-        late[:, at : at + change.shape[1]] += change
+        late[:, at : at + signal.shape[1]] += signal * self._fresh
         most = self._most + np.abs(late).max(axis=1)[self._limits.channel] * self._most_effect
         if self._late_blocks < WAITING and (most <= self._limits.limit).all():
             self._late, self._late_blocks = late, self._late_blocks + 1
@@ -172,9 +177,7 @@ class LiveLimiter:
         return share
 
     def _commit(self, signal: FloatArray, gains: FloatArray) -> FloatArray:
-        block = self._block
-        self._waiting, self._gain = signal[:, block:], gains[:, block - 1].copy()
-        self._plan = np.hstack((gains[:, block:], np.zeros((len(gains), block))))
+        block, self._gains, self._untouched = self._block, gains, bool((gains == self._window).all())
         came, out = np.abs(signal[:, :block]), (signal * gains)[:, :block]
         self.reduced += int(np.count_nonzero(((gains[:, :block] < 1.0) & (came > 1.0)).any(axis=0)))
         left = np.maximum(np.abs(out).max(axis=1), 1.0)

@@ -50,6 +50,7 @@ class LiveMeter:
         self._stream, self._rig = stream, rig
         self._levels = WindowLevels(rig.display, WINDOW_S, POINTS)
         self._rows = np.zeros((2, self._levels.length, len(rig.channels)))
+        self._pieces: list[FloatArray] = []
         self._step, self._new = round(BLOCK_S * rig.rate_hz), 0
         self._sensed = np.array([name not in rig.without_sensor for name in rig.channels])
 
@@ -64,11 +65,13 @@ class LiveMeter:
         """Yield the blocks that a piece of the trace completes."""
         rows = np.stack((trace.reference, trace.position_v))
         while rows.shape[1]:
-            taken, rows = np.split(rows, [self._step - self._new], axis=1)
-            self._rows = np.concatenate((self._rows, taken), axis=1)[:, -self._levels.length :]
-            self._new += taken.shape[1]
+            left = self._step - self._new
+            self._pieces.append(rows[:, :left])
+            self._new += self._pieces[-1].shape[1]
+            rows = rows[:, left:]
             if self._new == self._step:
-                self._new = 0
+                self._rows = np.concatenate((self._rows, *self._pieces), axis=1)[:, -self._levels.length :]
+                self._pieces, self._new = [], 0
                 yield self._block()
 
     def _block(self) -> LiveBlock:

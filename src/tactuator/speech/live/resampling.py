@@ -38,6 +38,7 @@ class ClockedResampler:
         share = CUTOFF * min(1.0, rate_out_hz / rate_in_hz)
         self._half = int(np.ceil(CROSSINGS / share))
         self._table = _kernels(self._half, share)
+        self._slopes = np.diff(self._table, axis=0)
         self._samples, self._at = np.zeros(2 * self._half), float(self._half)
         self._integral, self._given_s, self._settled_s = 0.0, 0.0, settled_s
         self.dropouts, self.drift, self.worst_s, self.ended = 0, 0.0, 0.0, False
@@ -119,15 +120,16 @@ class ClockedResampler:
         whole = np.floor(positions).astype(int)
         missing = int(whole[-1]) + self._half + 1 - len(self._samples)
         samples = self._samples if missing <= 0 else np.concatenate((self._samples, np.zeros(missing)))
-        windows = samples[(whole - self._half + 1)[:, None] + np.arange(2 * self._half)]
+        shape, apart = (len(samples) - 2 * self._half + 1, 2 * self._half), 2 * samples.strides
+        every: FloatArray = np.ndarray(shape, float, samples, 0, apart)  # sliding_window_view takes as long as the rest
+        windows = every[whole - self._half + 1]
         phase = (positions - whole) * PHASES
         row = phase.astype(int)
-        part = (phase - row)[:, None]
-        kernels = (1.0 - part) * self._table[row] + part * self._table[row + 1]
         self._at += step * count
         gone = max(0, int(self._at) - self._half)
         self._samples, self._at = samples[gone:], self._at - gone
-        return np.asarray(np.einsum("ij,ij->i", windows, kernels))
+        begun = np.einsum("ij,ij->i", windows, self._table[row])
+        return np.asarray(begun + (phase - row) * np.einsum("ij,ij->i", windows, self._slopes[row]))
 
 
 def _kernels(half: int, share: float) -> FloatArray:
