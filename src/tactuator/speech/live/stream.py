@@ -21,8 +21,9 @@ from tactuator.speech.live.resampling import ClockedResampler
 from tactuator.speech.live.source import Source, cleaned
 
 BLOCK_S = 0.004
-BUFFER_S = 0.003
-"""Kept of the source beyond its own pieces: a look at a busy machine's clock comes late by less."""
+BUFFER_S, PIECES = 0.0015, 1.5
+"""Kept of the source at the earliest look: until the clocks' difference is known, and of its own pieces, which may be
+late. A look of a busy machine is late as well, and finds more."""
 FADE_S = 0.02
 """Of mute and end."""
 HELD_S = 0.3
@@ -80,7 +81,7 @@ class LiveStream:
         self._source, self._clock, self._rate, self._block = source, clock, rate, max(1, round(BLOCK_S * rate))
         self._coding = live_coding(coding).live(int(rate), self._block)
         self.coding_delays = stated_delay(coding, self._coding)
-        self._resampler = ClockedResampler(source.rate_hz, self._coding.rate_in_hz, BUFFER_S + source.piece_s)
+        self._resampler = ClockedResampler(source.rate_hz, self._coding.rate_in_hz, BUFFER_S + PIECES * source.piece_s)
         self._level, self._limiter = LiveLevel(level, rate), LiveLimiter(controller, self._block)
         self._shown = np.zeros(len(self._names))
         self._rows = self._not_numbers = self._missed = 0
