@@ -54,9 +54,7 @@ class FromTick(FileSource):
 def on_board(controller: Any, coding: str, sound: Path) -> tuple[dict[str, FloatArray], float]:
     """Displacement by finger, and the time of the sound's first sample in it."""
     link = Link()
-    rig = BoardRig(
-        LinkClient(link), controller.display, lambda seconds: link.sleep(seconds * rig.rate_hz), waits=False
-    )
+    rig = BoardRig(LinkClient(link), controller.display, lambda seconds: link.sleep(seconds * rig.rate_hz), waits=False)
     rig.simulate(1)
     rig.load(controller)
     moved = felt_at(rig)
