@@ -207,6 +207,7 @@ def test_measure_and_noise__fingers_of_an_open_rig__are_the_load_or_refused(know
             verb(rig, borne)
 
 
+@pytest.mark.slow
 def test_identify__chirp_through_a_loop__is_trusted_with_its_order_alone(known):
     rig, time_s = tt.SimulatedRig(known["controller"].display, seed=5), np.arange(20000) / 4000.0
     rig.load(known["controller"])

@@ -61,11 +61,10 @@ def off_db(found: object, num: Array, den: Array, hertz: Array) -> Array:
 @pytest.mark.parametrize(
     "given",
     [
-        {"force": (6.4, 0.03)},
-        {"force": (0.6, 0.1), "seed": 7},
-        {"noise_v": 0.02, "levels_v": 0.5},
+        pytest.param({"force": (6.4, 0.03)}, id="slow force"),
+        pytest.param({"force": (0.6, 0.1), "seed": 7}, id="very slow force", marks=pytest.mark.slow),
+        pytest.param({"noise_v": 0.02, "levels_v": 0.5}, id="held levels"),
     ],
-    ids=["slow force", "very slow force", "held levels"],
 )
 def test_identify__loop_without_options__is_right_and_seen(given: dict[str, object]) -> None:
     record = looped(NUM, DEN, (1.5, 150.0, 0.0), **given)  # type: ignore[arg-type]
@@ -79,6 +78,7 @@ def test_identify__loop_without_options__is_right_and_seen(given: dict[str, obje
     assert np.all(np.roots(found.model.den).real < 0.0)
 
 
+@pytest.mark.slow
 def test_identify__plant_that_only_the_loop_holds__is_believed_with_a_reference() -> None:
     w = 2.0 * np.pi * 1.2
     num, den = np.array([w * w]), np.array([1.0, 0.0, -w * w])
@@ -89,8 +89,12 @@ def test_identify__plant_that_only_the_loop_holds__is_believed_with_a_reference(
 
 @pytest.mark.parametrize(
     ("seed", "verdict"),
-    [(13, "ok"), (16, "ok"), (119, "distrusted"), (2, "ok")],
-    ids=["slow force", "loop that leaves no trace", "dead time that the noise feigns", "quick growth"],
+    [
+        pytest.param(13, "ok", id="slow force", marks=pytest.mark.slow),
+        pytest.param(16, "ok", id="loop that leaves no trace"),
+        pytest.param(119, "distrusted", id="dead time that the noise feigns"),
+        pytest.param(2, "ok", id="quick growth", marks=pytest.mark.slow),
+    ],
 )
 def test_identify__drawn_plant_that_only_the_loop_holds__band_holds_the_truth(seed: int, verdict: str) -> None:
     assert judged(seed, True)[:2] == (verdict, True)
@@ -110,7 +114,7 @@ def test_identify__plant_that_only_the_loop_holds__is_believed_without_one(force
 
 def test_identify__closed_loop_stated_no__begins_from_the_record_alone() -> None:
     record = looped(NUM, DEN, (1.5, 150.0, 0.0), force=(6.4, 0.03))
-    found = identify(record, closed_loop="no")
+    found = identify(record, order=2, zeros=0, closed_loop="no", friction=False)
     assert found.tests.feedback is False
     assert found.model.record["feedback"] == "known: no"
 

@@ -86,7 +86,7 @@ FACTORS = [(1e3, 1e-3, 30.0), pytest.param(0.01, 250.0, 1e3, marks=pytest.mark.s
 """Of the rate, of the command's unit and of the position's."""
 
 
-@pytest.fixture(scope="module", params=["resonator", "rubbing"])
+@pytest.fixture(scope="module", params=["resonator", pytest.param("rubbing", marks=pytest.mark.slow)])
 def known(request: pytest.FixtureRequest) -> tuple[Record, Identification]:
     """A record, of a motor that rubs or of a resonator, and what is identified of it as it is."""
     if request.param == "rubbing":

@@ -55,24 +55,25 @@ def test_identify_response__of_a_known_plant__recovers_it(with_phase: bool) -> N
     assert found.model.valid_hz == pytest.approx((HERTZ[0], HERTZ[-1]))
 
 
-@pytest.mark.parametrize("turned", [0.0, 1.0])
-def test_identify_response__without_confidence_and_with_noise__keeps_to_its_poles(turned: float) -> None:
+@pytest.mark.parametrize(("turned", "deviation"), [(0.0, 0.06), (1.0, 0.02)])
+def test_identify_response__without_confidence_and_with_noise__keeps_to_its_poles(turned, deviation) -> None:
     rng = np.random.default_rng(1)
     value = PLANT.response(HERTZ)
-    for deviation in (0.02, 0.06):
-        noise = rng.standard_normal(HERTZ.size) + 1j * turned * rng.standard_normal(HERTZ.size)
-        seen = value * (1.0 + deviation * noise)
-        guess = np.full(HERTZ.size, 0.01)
-        given = FrequencyResponse(HERTZ, np.abs(seen), np.unwrap(np.angle(seen)), guess, assumed=True)
-        found = identify_response(given, IdentifyOptions())
-        assert found.order == 2
-        assert not found.distrust
-        assert any("the error is" in remark for remark in found.remarks)
-        off = 20.0 * np.log10(np.abs(found.model.response(HERTZ) / value))
-        assert np.mean(np.abs(off) <= found.model.band_db(HERTZ)) > 0.8
+    noise = rng.standard_normal(HERTZ.size) + 1j * turned * rng.standard_normal(HERTZ.size)
+    seen = value * (1.0 + deviation * noise)
+    guess = np.full(HERTZ.size, 0.01)
+    given = FrequencyResponse(HERTZ, np.abs(seen), np.unwrap(np.angle(seen)), guess, assumed=True)
+    found = identify_response(given, IdentifyOptions())
+    assert found.order == 2
+    assert not found.distrust
+    assert any("the error is" in remark for remark in found.remarks)
+    off = 20.0 * np.log10(np.abs(found.model.response(HERTZ) / value))
+    assert np.mean(np.abs(off) <= found.model.band_db(HERTZ)) > 0.8
 
 
-@pytest.mark.parametrize(("assumed", "with_phase"), [(True, True), (False, True), (True, False)])
+@pytest.mark.parametrize(
+    ("assumed", "with_phase"), [(True, True), (False, True), pytest.param(True, False, marks=pytest.mark.slow)]
+)
 def test_identify_response__bad_readings__are_left_out_and_named(assumed: bool, with_phase: bool) -> None:
     rng = np.random.default_rng(9)
     value = PLANT.response(HERTZ) * (1.0 + 0.007 * (rng.standard_normal(60) + 1j * rng.standard_normal(60)))
@@ -90,7 +91,7 @@ def test_identify_response__bad_readings__are_left_out_and_named(assumed: bool, 
     assert np.all(np.delete(found.model.band_db(HERTZ), bad) < 0.1)
 
 
-@pytest.mark.parametrize(("order", "right"), [(None, True), (3, False), (5, True), (6, True)])
+@pytest.mark.parametrize(("order", "right"), [(None, True), (3, False), (5, True)])
 def test_identify_response__magnitudes_alone__is_right_or_refused(order, right):
     """With five poles it was 2.8 dB off, and trusted."""
     pair = np.array([-100.0 + 1540.0j, -100.0 - 1540.0j])

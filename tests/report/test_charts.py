@@ -88,6 +88,7 @@ def test_nichols__marks_and_caption__cover_the_data_and_name_the_contours() -> N
     assert phase.max() <= right
 
 
+@cache
 def many_models() -> dict[str, ReportFigure]:
     made = three_finger_controller()
     rng = np.random.default_rng(0)

@@ -142,6 +142,7 @@ def test_simulate_curve__no_truth_given__says_that_people_are_drawn() -> None:
     assert first == second != other
 
 
+@pytest.mark.slow
 def test_simulate__what_people_do__is_flagged_with_every_procedure() -> None:
     """The figures are judged by another generator (logistic people, loud trials after the run): test_procedures."""
     often = simulate(Imece2004(), Setting(80, lapse=0.15, seed=1, loud_share=0.2)).flags

@@ -247,16 +247,21 @@ def test_copy__without_its_log__is_refused_while_another_program_has_it_open_and
     assert (tmp_path / "whole.db").read_bytes() == content
 
 
-@pytest.mark.parametrize("copied", ["closed", "written to", "of yesterday"])
-def test_copy__beside_the_log_of_another_store__is_refused_and_stays_as_it_was(tmp_path, clock, copied) -> None:
-    old, path = tmp_path / "old.db", tmp_path / "lab.db"
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, old], stdin=-1, stdout=-1, text=True)
-    try:
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory) -> Path:
+    """A store whose program was killed while it wrote."""
+    path = tmp_path_factory.mktemp("killed") / "old.db"
+    with subprocess.Popen([sys.executable, "-c", WRITER, path], stdin=-1, stdout=-1, text=True) as writer:
         for _ in range(5):
             writer.stdout.readline()
-    finally:
         writer.kill()
-        writer.communicate()
+    return path
+
+
+@pytest.mark.parametrize("copied", ["closed", "written to", "of yesterday"])
+def test_copy__beside_the_log_of_another_store__is_refused_and_stays_as_it_was(tmp_path, clock, killed, copied) -> None:
+    old, path = Path(shutil.copy(killed, tmp_path)), tmp_path / "lab.db"
+    shutil.copy(f"{killed}-wal", tmp_path)
     log = Path(f"{old}-wal").read_bytes()
     of = old if copied == "of yesterday" else path
     with opened_store(of) as store:

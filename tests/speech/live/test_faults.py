@@ -82,7 +82,7 @@ def test_source__unplugged_in_mid_block__fades_out_and_is_at_rest_within_a_tenth
     assert felt[end + 400 : end + 3200].max() < 3.0
 
 
-@pytest.mark.parametrize("hertz", [7.0, 60.0, 200.0])
+@pytest.mark.parametrize("hertz", [7.0, 200.0])  # 60 Hz is unplugged above
 def test_live_stream__square_waves_of_full_scale__felt_within_comfort_and_travel(controller, hertz):
     moved, _ = felt_of(controller, Sound(hertz=hertz))
     assert 100.0 < felt_units(controller, moved).max() <= 10 ** (55 / 20)
