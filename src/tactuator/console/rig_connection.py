@@ -172,7 +172,7 @@ async def look(page: RigConnection, look: Look) -> Answer:
 
 
 async def stop(page: RigConnection) -> Answer:
-    """Let the generator go silent; any page may stop an experiment."""
+    """Let the generator go silent: the button Stop is POST /rest, which ends everything."""
     page.session.end("generate", None)
     return {}
 

@@ -75,8 +75,8 @@ def _reader(pipe: Connection, worker: RigWorker) -> None:
 
 
 class RigWorker:
-    """Holder of the rig, whose public methods are called one after another; what goes on is ended by the next call that
-    cannot be served meanwhile.
+    """Holder of the rig, whose public methods are called one after another. `live` and `listen` go on until a call that
+    cannot be served meanwhile; a measurement or a presentation ends by `rest` and `quit` alone.
 
     tell: calls a method of RigProcess by name; it must not wait.
     """

@@ -46,9 +46,8 @@ _TRIFLE = 1e-3
 """Share of what a fit leaves that friction has to explain."""
 _POOR = 0.02
 """Share of the position's power that a fit may leave before friction is suspected to rule the record."""
-BENT = 4.0
-"""Variance beside friction or a distortion over what the likelihood has, and beside a distortion or a vague friction
-likewise the evidence that separates holds: what friction leaves is at each frequency alike in sign, and was up to 1.5
+VARIANCE_TIMES = 4.0
+"""The covariance is multiplied by this beside friction or a distortion, and the evidence that separates holds likewise: what friction leaves is at each frequency alike in sign, and was up to 1.5
 half-widths on records of another generator."""
 _BEYOND = 1.5
 """Half-width over the first-order departure by another law of friction: on records of another generator, whose law was
@@ -226,7 +225,7 @@ def _with_level(stage: _Stage) -> FrictionFit | None:
     if not (coulomb > _DEVIATIONS * deviation and gain > _TRIFLE * lines.power):
         return None
     by_law, by_level = lines.other_laws(level, plain)
-    deviation = float(np.linalg.norm([np.sqrt(BENT) * deviation, _SAMPLED * level.coulomb, *by_level]))
+    deviation = float(np.linalg.norm([np.sqrt(VARIANCE_TIMES) * deviation, _SAMPLED * level.coulomb, *by_level]))
     shifts = np.vstack([-weights * deviation, by_law])
     return FrictionFit(stage.now, level.off(stage.signals), level.coulomb, deviation, level.presliding, shifts)
 

@@ -21,7 +21,7 @@ from tactuator.identification.check import (
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fit import CERTAIN, REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
-from tactuator.identification.friction import BENT, FrictionFit, ruled_by_friction
+from tactuator.identification.friction import VARIANCE_TIMES, FrictionFit, ruled_by_friction
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.nonlinear import distortion_left
 from tactuator.identification.residual import (
@@ -48,7 +48,7 @@ from tactuator.model.plant_model import DB, Z95, PlantModel, QualityCheck
 
 _TABLE = 120
 """Frequencies of the table of what goes beyond the covariance: 25 a decade of the usual five."""
-_BENT = 0.1
+_SHAPE_SHARE = 0.1
 """Share of the distortion by which a best linear approximation departs from any form of few poles: its shape follows
 the level of every frequency. Seen on hardening springs and on friction; more would be found by the residual."""
 _VAGUE = 0.5
@@ -122,7 +122,7 @@ def _hold_beside_bending(estimate: SpectralEstimate) -> SpectralEstimate:
     """Return the estimate with the certainty of its hold where no form here has what bends the response: one hold's
     half sample may pass for that.
     """
-    enough = BENT * estimate.enough
+    enough = VARIANCE_TIMES * estimate.enough
     return estimate if estimate.advantage >= enough else replace(estimate, certain=False, enough=enough)
 
 
@@ -213,7 +213,7 @@ def _model(
     fit = choice.fit
     covariance = choice.problem.covariance_of(fit)
     if friction_fit is not None:
-        covariance = covariance * (BENT * friction_fit.beyond_chance)
+        covariance = covariance * (VARIANCE_TIMES * friction_fit.beyond_chance)
         if choice is estimate.chosen:
             covariance += friction_fit.shifts.T @ friction_fit.shifts
     fixed = [value for value in common.options.fixed if value.binds(fit.form)]
@@ -237,7 +237,7 @@ def _model(
         for away in friction_fit.shifts @ log_slopes(estimate.chosen.fit, table).T:
             beyond = beyond.joined(away)
     if distortion is not None:
-        bent = _BENT * distortion.distortion / np.abs(distortion.value)
+        bent = _SHAPE_SHARE * distortion.distortion / np.abs(distortion.value)
         beyond = beyond.joined(np.interp(np.log(table), np.log(distortion.frequency_hz), bent) * (1.0 + 1.0j))
     missing = left_over(fit, estimate.local, response_of_rows(fit, estimate.local.frequency_hz), table)
     model = common.model(

@@ -1,7 +1,7 @@
 """The image: a controller as the bytes that a board loads (layout: core/board/image.h), with what it feeds forward for
 a finger (core/touch/feed_forward.h).
 
-Sections are in delta form, as the core computes with them, each coefficient rounded once to float32:
+Sections are in delta form, as the core computes with them, each sum exact, then rounded to double and to float32:
 H = (b0 + b1 z^-1 + b2 z^-2)/(1 + a1 z^-1 + a2 z^-2) = (b0 d^2 + b1' d + b2')/(d^2 + a1' d + a2') with d = z - 1 and
 b1' = 2 b0 + b1, b2' = b0 + b1 + b2, a1' = 2 + a1, a2' = 1 + a1 + a2 (Middleton & Goodwin 1990, chapter 2).
 """
