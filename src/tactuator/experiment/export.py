@@ -1,6 +1,6 @@
 """Exports of a store: tidy CSV, Psych-DS and BIDS behaviour; each a folder with its dictionary, whole or not at all.
 
-Withdrawn data are left out.
+Answers that a subject took back are left out.
 """
 
 from __future__ import annotations

@@ -47,8 +47,9 @@ _TRIFLE = 1e-3
 _POOR = 0.02
 """Share of the position's power that a fit may leave before friction is suspected to rule the record."""
 VARIANCE_TIMES = 4.0
-"""The covariance is multiplied by this beside friction or a distortion, and the evidence that separates holds likewise: what friction leaves is at each frequency alike in sign, and was up to 1.5
-half-widths on records of another generator."""
+"""The covariance is multiplied by this beside friction or a distortion, and the evidence that separates holds likewise:
+what friction leaves is at each frequency alike in sign, and was up to 1.5 half-widths on records of another generator.
+"""
 _BEYOND = 1.5
 """Half-width over the first-order departure by another law of friction: on records of another generator, whose law was
 none of these, the truth lay up to 1.2 departures away."""

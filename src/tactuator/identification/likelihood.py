@@ -90,7 +90,7 @@ class SpectralProblem:
 
     @property
     def earliest(self) -> float:
-        """Return the least dead time, scaled: positions may be read later than commands, by less than a sample."""
+        """Return the least dead time, scaled: positions may be read later than commands, by one sample at most."""
         return -self.grid.period if self.skewed else 0.0
 
     def evaluate(self, form: Form, theta: FloatArray, delay: float) -> _Point | None:
