@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 _LONGEST = 180
+_SCALARS = (bool, int, float, str)
 
 
 def picked(noun: Any, *names: str, **others: str) -> dict[str, Any]:
@@ -19,7 +20,7 @@ def plain(value: Any) -> Any:
     """Return a value in JSON's own types: tables as mappings, arrays and tuples as lists, paths as texts, a complex
     number as [re, im]. Raises TypeError for what has no counterpart there.
     """
-    if value is None or isinstance(value, bool | int | float | str):
+    if value is None or isinstance(value, _SCALARS):
         return value
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
@@ -42,11 +43,13 @@ def finite(value: object) -> Any:
 
 
 def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return value
 
 
 def brief(noun: Any) -> str:

@@ -27,17 +27,6 @@ _FALSE_ALARM_RATE = 0.02
 _LAPSE_RATE, or the right answers in blank ones have a probability below _FALSE_ALARM_RATE by chance."""
 
 
-def catch_kinds(run: StoredRun) -> NDArray[np.str_]:
-    """Return the kind of each trial, shape (trials,): "loud", "blank", or "" for trials that the procedure placed."""
-    trials = run.correct.size
-    each = run.intervals.saturated.size // max(trials, 1)
-    if each == 0:
-        return np.full(trials, "", dtype="<U5")
-    seen = run.intervals
-    loud, tone = (of[: trials * each].reshape(trials, each).any(axis=1) for of in (seen.is_loud, seen.is_tone))
-    return np.where(loud, "loud", np.where(tone, "", "blank"))
-
-
 def inattentive(missed: int, loud: int) -> bool:
     """Return whether more of the loud trials were missed than a lapse rate of 3 % explains."""
     return bool(loud and scipy.stats.binom.sf(missed - 1, loud, _LAPSE_RATE) < _FALSE_ALARM_RATE)
@@ -49,7 +38,7 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     `attention` means too many errors in loud trials, or, of one interval, in blank ones; `cue` for too many right
     answers where nothing was played.
     """
-    kinds = catch_kinds(run)
+    kinds = run.catch_kinds
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     flags = []
     if inattentive(int(np.sum(~loud)), loud.size):

@@ -16,7 +16,6 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.procedure.refit import Refit, RefitPrior, refit
 from tactuator.experiment.result.group_level import BETWEEN, GroupLevel, group_level
-from tactuator.experiment.result.played import catch_kinds
 from tactuator.experiment.result.thresholds import DOUBTFUL, MeasuredThreshold, fitted_parts, names_of_people
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import StoredRun, required_parts
@@ -67,7 +66,7 @@ def psychometric_trials(
 
 
 def _of_run(run: StoredRun, threshold: MeasuredThreshold) -> PsychometricTrials:
-    kept = catch_kinds(run) != "blank"
+    kept = run.catch_kinds != "blank"
     levels, correct = run.levels_db_sl[kept], run.correct[kept]
     guess = run.protocol.paradigm.guess
     fit = refit(levels, correct, RefitPrior(guess=guess, target=threshold.point))
@@ -79,7 +78,7 @@ def _of_curve(run: StoredRun, points: Sequence[MeasuredThreshold]) -> Psychometr
 
     A threshold of 0 dB says that the curve and one psychometric function explain all frequencies together.
     """
-    kept = catch_kinds(run) != "blank"
+    kept = run.catch_kinds != "blank"
     mine = sorted(points, key=lambda point: point.frequency_hz)
     at, level = np.array([(np.log(point.frequency_hz), point.refit_db_sl) for point in mine]).T
     above, correct = run.levels_db_sl[kept] - np.interp(np.log(run.frequency_hz[kept]), at, level), run.correct[kept]

@@ -15,7 +15,6 @@ from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.result.played import (
     DeliveredLevel,
     attention,
-    catch_kinds,
     delivered_levels,
     hum_is_felt,
     was_simulated,
@@ -131,7 +130,7 @@ def fitted_parts(parts: Iterable[Sequence[StoredRun]]) -> tuple[tuple[StoredRun,
     runs, fits = list[StoredRun](), list[Fitted]()
     for part in parts:
         fits.append(fitted(part))
-        runs += [run if np.any(catch_kinds(run) != "") else replace(run, intervals=NO_INTERVALS) for run in part]
+        runs += [run if np.any(run.catch_kinds != "") else replace(run, intervals=NO_INTERVALS) for run in part]
     runs.sort(key=in_order)
     place = {run.run.id: index for index, run in enumerate(runs)}
     measured = sorted((each for fit in fits for each in fit.thresholds), key=lambda each: place[each.run])
@@ -184,7 +183,7 @@ def _padded(rows: Sequence[FloatArray]) -> FloatArray:
 
 def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]]:
     """Return the threshold of each run; all are of one protocol at one display."""
-    protocol, kinds = runs[0].protocol, [catch_kinds(run) for run in runs]
+    protocol, kinds = runs[0].protocol, [run.catch_kinds for run in runs]
     replayed = protocol.begin(playable_in(runs[0], _MAINS_HZ[0]), len(runs))
     own = _padded([run.correct[kind == ""].astype(np.float64) for run, kind in zip(runs, kinds, strict=True)])
     for outcomes in (own == 1.0).T:
@@ -248,7 +247,7 @@ class _Level:
 
 
 def _whole_curve(run: StoredRun) -> list[MeasuredThreshold]:
-    seen, placed = run.intervals, catch_kinds(run) != "blank"
+    seen, placed = run.intervals, run.catch_kinds != "blank"
     if not placed.any():
         raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
     trial = np.arange(seen.saturated.size) // max(seen.saturated.size // max(run.correct.size, 1), 1)

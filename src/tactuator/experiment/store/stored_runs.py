@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 from itertools import chain, groupby
 from operator import attrgetter
@@ -141,6 +142,16 @@ class StoredRun:
     def whole(self) -> bool:
         """Return whether every trial is there, so that its procedure can be replayed."""
         return self.void_included or not self.void
+
+    @cached_property
+    def catch_kinds(self) -> NDArray[np.str_]:
+        """Return the kind of each trial, shape (trials,): "loud", "blank", or "" for trials that the procedure placed."""
+        trials, seen = self.correct.size, self.intervals
+        each = seen.saturated.size // max(trials, 1)
+        if each == 0:
+            return np.full(trials, "", dtype="<U5")
+        loud, tone = (of[: trials * each].reshape(trials, each).any(axis=1) for of in (seen.is_loud, seen.is_tone))
+        return np.where(loud, "loud", np.where(tone, "", "blank"))
 
 
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
