@@ -39,17 +39,13 @@ def plain(value: Any) -> Any:
 
 def finite(value: object) -> Any:
     """Return the value in JSON's own types, None in place of numbers that JSON cannot say."""
-    return _finite(plain(value))
-
-
-def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return value
+        return [finite(item) for item in value]
+    return value if value is None or isinstance(value, _SCALARS) else finite(plain(value))
 
 
 def brief(noun: Any) -> str:

@@ -189,6 +189,8 @@ def test_correct__data_of_a_subject__are_changed_and_the_export_knows_both(lab, 
         *(("S9", change["item"], change["before"] or "", change["after"], "typing error") for change in changes),
         ("S9", "age", "34", "", "does not say"),
     ]  # fmt: skip
+    said = run(*CORRECT, "S1", "--reason", "given", "--participant-id", "007", *STORE).err
+    assert "warning: 007 is the number 7" in said
 
 
 AMISS = {

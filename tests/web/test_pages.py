@@ -164,8 +164,9 @@ def test_operator__field_that_is_not_allowed__is_named_with_what_is_in_the_langu
         socket.send_json(enrol | {"demographics": {"age": "44", "note": "007"}})
         said = words("codes.number", code="007", value="7")
         assert until(socket, "done")["message"] == words("operator.enrolled", code="N1", doubts=said)
-        socket.send_json(correct | {"demographics": {"note": "NA"}})
-        assert until(socket, "done")["message"] == words("codes.missing", code="NA")
+        socket.send_json(correct | {"group": "1E5", "demographics": {"note": "NA"}})
+        said = words("codes.number", code="1E5", value="100000"), words("codes.missing", code="NA")
+        assert until(socket, "done")["message"] == "; ".join(said)
 
 
 def test_operator__part_made_void_and_restored__is_that_of_the_command_and_closes_the_page_of_the_visit(make) -> None:
@@ -186,7 +187,7 @@ def test_operator__part_made_void_and_restored__is_that_of_the_command_and_close
                 parts = until(socket, "snapshot")["sessions"][0]["parts"]
                 given = {(each["run"], each["trial"]): each["void"] for each in parts}
                 assert given.get(tuple(key.values())) == ("fell asleep" if void else None), (part, void)
-        until(subject, "elsewhere")
+        until(subject, "changed")
         events = rows_of(lab.store, select(schema.event.c.kind).where(schema.event.c.kind.in_(("void", "restored"))))
         assert [kind for (kind,) in events] == ["void", "restored"] * 3
         for part in ({"run": 1, "trial": 99}, {"void": False}, {"run": 7}):

@@ -1,6 +1,6 @@
 """Subcommands of `experiment` on detection: enrol, correct, observe, thresholds, export, backup, simulate."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from getpass import getuser
@@ -196,21 +196,24 @@ def enrol(
         else:
             opened.enrol(_part(code, group, participant_id, skin_temperature_c, fact or []))
         known = records.sessions(opened.connection, opened.id)
-    words, codes = shipped_words("en"), {row.subject_code for row in known}
-    names = [code, *(name for name in (group, participant_id) if name is not None)]
-    of_facts = opened.protocol.doubtful_facts(dict(_pairs("--fact", "NAME=VALUE", fact or [])), words)
-    said = () if visit else (*(doubt for name in names for doubt in doubts(name, codes, words)), *of_facts)
+    facts, codes = dict(_pairs("--fact", "NAME=VALUE", fact or [])), {row.subject_code for row in known}
+    said = () if visit else _doubts([code, group, participant_id], codes, facts, opened.protocol)
     links = {row.visit: f"/s/{row.link_token}" for row in known if row.subject_code == code}
     return EnrolledResult(opened.protocol.study.name, code, links, said)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CorrectedResult(Result):
-    """What was corrected of a subject: item, value before and value after of each change."""
+    """What was corrected of a subject: item, value before and value after of each change; warnings: what other programs
+    make of the new values."""
 
     study: str
     subject: str
     changes: tuple[Mapping[str, Any], ...]
+    warnings: tuple[str, ...] = ()
+
+    def notices(self) -> Sequence[str]:
+        return [f"warning: {warning}" for warning in self.warnings]
 
     def facts(self) -> Sequence[Fact]:
         changes = [(each["item"], each["before"] or "-", each["after"] or "-") for each in self.changes]
@@ -246,7 +249,17 @@ def correct(
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
     with _opened_study(store, study, operator) as opened:
         changes = opened.correct(code, correction, reason)
-    return CorrectedResult(opened.protocol.study.name, code, tuple(map(asdict, changes)))
+    said = _doubts([group, participant_id], [], facts, opened.protocol)
+    return CorrectedResult(opened.protocol.study.name, code, tuple(map(asdict, changes)), said)
+
+
+def _doubts(
+    names: Sequence[str | None], codes: Iterable[str], facts: Mapping[str, str], protocol: StudyProtocol
+) -> tuple[str, ...]:
+    """Return what other programs make of codes and other names, beside these codes, and of facts."""
+    words, others = shipped_words("en"), list(codes)
+    of_names = (doubt for name in names if name is not None for doubt in doubts(name, others, words))
+    return *of_names, *protocol.doubtful_facts(facts, words)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

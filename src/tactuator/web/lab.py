@@ -42,7 +42,7 @@ class Lab:
     shown: what subjects see and hear of the stimuli in a demonstration, as stored ("" where they only feel them).
     calls: what the operator should look after, by session. facts: demographic items, by the subject's row. voids:
     reasons, as `void_parts` has them.
-    tabs: how the open page of each session learns that another took over; control: the operator's page that has it.
+    tabs: how the open page of each session is closed, with the reason; control: the operator's page that has it.
     """
 
     def __init__(self, study: Study, auto_start: bool = False, shown: str = "") -> None:
@@ -53,7 +53,7 @@ class Lab:
         self.paused = False
         self.fault: str | None = None
         self.calls: dict[int, str] = {}
-        self.tabs: dict[int, Callable[[], Awaitable[None]]] = {}
+        self.tabs: dict[int, Callable[..., Awaitable[None]]] = {}
         self.control: object | None = None
         self.jumps = JumpWatch(self.clock)
         self.changed = asyncio.Event()
@@ -174,7 +174,7 @@ class Lab:
         self._sessions.pop(row.id, None)
         await self.session(row)
         if row.id in self.tabs:
-            await self.tabs[row.id]()
+            await self.tabs[row.id]("changed")
 
     def opened(self, session: int) -> Session | None:
         """Return the session if it has been opened, or None."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
@@ -115,8 +115,7 @@ class OperatorPage:
             part = SubjectPart(**picked(message, "code", "group", "participant_id", "demographics"))
             codes = [row.subject_code for row in self.lab.sessions]
             await self.lab.change(self.who, lambda study: study.enrol(part))
-            of_facts = self.lab.study.task.protocol.doubtful_facts(message.demographics, self.lab.words)
-            if found := "; ".join((*doubts(message.code, codes, self.lab.words), *of_facts)):
+            if found := self._doubts(message, codes, message.code):
                 done["message"] = self.lab.words("operator.enrolled", code=message.code, doubts=found)
         elif isinstance(message, NewVisit):
             await self.lab.change(self.who, lambda study: study.add_visit(message.subject))
@@ -125,14 +124,19 @@ class OperatorPage:
             if given == Correction():
                 raise BadInput(self.lab.words("operator.refused_same"))
             await self.lab.change(self.who, lambda study: study.correct(message.subject, given, message.reason))
-            of_facts = self.lab.study.task.protocol.doubtful_facts(message.demographics, self.lab.words)
-            done["message"] = "; ".join(of_facts)
+            done["message"] = self._doubts(message, [])
         elif isinstance(message, SetVoid):
             await self._void(message)
         else:
             await self._day(message)
         await self.lab.refresh()
         await send(self.socket, done)
+
+    def _doubts(self, message: Enrol | Correct, codes: Sequence[str], *names: str) -> str:
+        """Return what other programs make of these names beside the codes, and of what else the message has."""
+        words, given = self.lab.words, (*names, message.group, message.participant_id)
+        of_names = (doubt for name in given if name for doubt in doubts(name, codes, words))
+        return "; ".join((*of_names, *self.lab.study.task.protocol.doubtful_facts(message.demographics, words)))
 
     def _allowed(self, message: Enrol | Correct) -> None:
         """Refuse a fact that is not allowed, or is required of a new subject and not given, with its place."""

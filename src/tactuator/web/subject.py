@@ -71,10 +71,10 @@ class SubjectTab:
         """The session's row in the store."""
         return int(self.row.id)
 
-    async def leave(self) -> None:
-        """Notify the page that another tab took over, and close it."""
+    async def leave(self, why: str = "elsewhere") -> None:
+        """Notify the page why it is over, and close it: another tab took over, or a part of the visit was made void."""
         with suppress(WebSocketDisconnect, RuntimeError):  # it may have gone already
-            await self._send(type="elsewhere")
+            await self._send(type=why)
             await self.socket.close(CLOSE_ELSEWHERE)
 
     async def serve(self) -> None:

@@ -296,6 +296,30 @@ def test_opened_store__reader_that_keeps_the_mark_out_of_the_file__is_refused(tm
         pass
 
 
+def test_open_store__opened_and_closed_again_by_the_same_program__keeps_its_log(tmp_path, clock) -> None:
+    path = tmp_path / "lab.db"
+    with opened_store(path) as store:
+        session = begin(store, clock)
+        Store(path, must_exist=True).close()
+        reads = "import sqlite3, sys; c = sqlite3.connect(sys.argv[1]); c.execute('SELECT * FROM study'); c.close()"
+        subprocess.run([sys.executable, "-c", reads, path], check=True)  # the last one to close takes the log away
+        assert Path(f"{path}-wal").exists()
+        answer_one(session, clock)
+        with closing(sqlite3.connect(path)) as other:
+            assert other.execute("SELECT count(*) FROM response").fetchone() == (1,)
+
+
+def test_store__under_two_names__is_refused(tmp_path, clock) -> None:
+    with opened_store(tmp_path / "lab.db") as store:
+        opened_study(store, clock)
+    (tmp_path / "other.db").hardlink_to(tmp_path / "lab.db")
+    for name in ("lab.db", "other.db"):
+        with pytest.raises(BadInput, match=rf"{name} has another name \(a hard link\)"):
+            Store(tmp_path / name)
+    (tmp_path / "other.db").unlink()
+    Store(tmp_path / "lab.db", must_exist=True).close()
+
+
 @pytest.mark.parametrize("planted", ["link", "hard link", "pipe"])
 def test_lock__planted_link__is_refused_and_its_target_stays(tmp_path, planted) -> None:
     target = tmp_path / "target"

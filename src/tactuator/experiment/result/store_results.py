@@ -391,7 +391,8 @@ def store_results(
     if any(is_doubtful(threshold) for threshold in measured):
         beside, _ = _across(measured, original, band_hz, sorted(set(leave_out) ^ {FLAGGED}))
     which = f"{'with' if FLAGGED in leave_out else 'without'} those flagged"
-    levels = group_levels(_parted(measured, leave_out)[0])
+    censored_hz = {threshold.frequency_hz for threshold in measured if threshold.bound}
+    levels = group_levels([each for each in _parted(measured, leave_out)[0] if each.frequency_hz in censored_hz])
     not_known = {hertz: row for hertz, row in levels.items() if row.bound == BETWEEN}
     return StoreResults(runs, original, measured, across, refused, beside, which, of_runs.refused, not_known)
 

@@ -15,6 +15,7 @@ from contextlib import closing, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 from sqlalchemy import Connection, Engine, Table, create_engine, event, exists, func, insert, inspect, select
 from sqlalchemy.engine import make_url
@@ -135,6 +136,10 @@ def _number(log: bytes) -> int:
     return int.from_bytes(log[16:20], "big") % _NUMBERS
 
 
+def _mark_of(header: bytes) -> int:
+    return int.from_bytes(header[_MARK], "big")
+
+
 _PRIVATE = 0o600
 
 
@@ -190,7 +195,9 @@ class Store:
         self.is_file = not is_server(place)
         self.path = Path(place)
         self._log = Path(f"{os.path.realpath(place)}-wal")  # SQLite has it beside the file, whatever links to it
-        self._had_log = self.is_file and self._log_belongs()
+        self._inode = _inode(self.path) if self.is_file else None
+        self._open_here = self._inode is not None and any(store._inode == self._inode for store in list(_OPEN))
+        self._had_log = self.is_file and not self._open_here and self._log_belongs(_mark_of(self._header()))
         self._faults = _DAMAGED if self.is_file else _server_faults()
         self.engine: Engine = self._file(must_exist, durable) if self.is_file else _server(str(place))
         event.listen(self.engine, "before_cursor_execute", _refuse_controls)
@@ -199,31 +206,40 @@ class Store:
             if whole and self.is_file:
                 self._check()
             self._make_tables(must_exist)
-            if whole and self.is_file and not self._had_log and self._marked() and not self._log_belongs():
-                raise self._torn()
+            if whole and self.is_file and not self._had_log and not self._open_here:
+                mark = self._mark_seen()
+                if mark and not self._log_belongs(mark):
+                    raise self._torn()
         except self._faults as error:
             self.engine.dispose()
             if getattr(getattr(error, "orig", error), "sqlite_errorname", "").startswith(_UNWRITABLE):
                 got = f"store {self.name}: cannot be written ({_reason(error)})"
                 raise BadInput(got, "a place with room to write") from None
-            if self.is_file:
+            if self.is_file and not self._open_here:
                 require_kind(self.path, "store")
             raise BadInput(f"store {self.name}: {_reason(error)}", _SOUND[self.is_file]) from None
         except BadInput:
             self.engine.dispose()
             raise
+        if self.is_file:
+            self._inode = _inode(self.path)
+            _OPEN.add(self)
 
     def _file(self, must_exist: bool, durable: bool) -> Engine:
         if must_exist and not self.path.is_file():
             raise BadInput(f"store {self.path} is not there", "the file of an experiment's database")
         if not self.path.parent.is_dir():
             raise BadInput(f"store {self.path}: its folder is not there", "a place in a folder that exists")
-        if not self.path.exists():  # closing one that SQLite has open in this process would free its locks
+        if not self.path.exists():
             with suppress(OSError):  # SQLite reports why it cannot be made
                 os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, _PRIVATE))
         if not os.access(self.path, os.W_OK) or not os.access(self.path.parent, os.W_OK):
             return self._read_only()
-        self._refuse_old_log()
+        if self.path.stat().st_nlink > 1:
+            got = f"store {self.path} has another name (a hard link), under which its log would not be found"
+            raise BadInput(got, "a file of one name: the other removed, or a copy")
+        if not self._open_here:  # else it was looked at when it was opened
+            self._refuse_old_log()
         engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
         event.listen(engine, "connect", _prepare if durable else _prepare_throwaway)
         event.listen(engine, "begin", _begin_in_file)
@@ -245,13 +261,18 @@ class Store:
     def _log_size(self) -> int:
         return self._log.stat().st_size if self._log.exists() else 0
 
+    def _header(self) -> bytes:
+        """Return the header that the file itself has, whatever its log says; empty for one that is not there."""
+        with suppress(OSError), self.path.open("rb") as file:
+            return file.read(_HEADER_BYTES)
+        return b""
+
     def _refuse_old_log(self) -> None:
         """Refuse a file that was put beside the log of another: SQLite would write that log over it, or read both."""
-        with suppress(OSError), self.path.open("rb") as file:
-            header = file.read(_HEADER_BYTES)
-            restored = header[_FORMAT_BYTE : _FORMAT_BYTE + 1] == b"\1"
-            is_marked = int.from_bytes(header[_MARK], "big") > _WRITING
-            own = not restored and (self._log_belongs() if is_marked else not self._log_adds())
+        header = self._header()
+        restored, mark = header[_FORMAT_BYTE : _FORMAT_BYTE + 1] == b"\1", _mark_of(header)
+        with suppress(OSError):
+            own = not restored and (self._log_belongs(mark) if mark > _WRITING else not self._log_adds())
             if self._log_size() and not own:
                 got = f"store {self.path} was copied: {self._log.name} beside it is of another file or program"
                 moved = f"{self._log.name} and {self.path.name}-shm moved elsewhere (they may hold another's answers)"
@@ -283,21 +304,23 @@ class Store:
                     return True
         return False
 
-    def _log_belongs(self) -> bool:
-        """Return whether the log beside the file is the one that its mark names, if it names one.
+    def _log_belongs(self, mark: int) -> bool:
+        """Return whether the log beside the file is the one that a mark of the file names, if it names one.
 
         Another program that opens a copy makes a log, too. Every log begins with a number, which SQLite draws for the
         first and counts up for those that follow; the mark is the number of the first.
         """
         try:
-            with self._log.open("rb") as log, self.path.open("rb") as file:
-                begins, header = log.read(_LOG_HEADER_BYTES), file.read(_HEADER_BYTES)
+            begins = self._log_begins()
         except OSError:
             return False
-        mark = int.from_bytes(header[_MARK], "big")
         if mark <= _WRITING:
             return True
         return len(begins) == _LOG_HEADER_BYTES and (_number(begins) - mark) % _NUMBERS < _LOGS_MAX
+
+    def _log_begins(self) -> bytes:
+        with self._log.open("rb") as log:
+            return log.read(_LOG_HEADER_BYTES)
 
     def _check(self) -> None:
         if self.path.stat().st_size > _CHECKED_BYTES:
@@ -308,9 +331,9 @@ class Store:
             reason = " ".join(str(outcome).split())
             raise BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
 
-    def _marked(self) -> bool:
+    def _mark_seen(self) -> int:
         with self.engine.connect() as connection:
-            return bool(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+            return int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
 
     def mark(self, mark: int) -> None:
         """Write a mark, and what was committed so far, into the file itself. Raises StoreFault where it cannot."""
@@ -323,9 +346,7 @@ class Store:
             plain.execute("PRAGMA wal_checkpoint(PASSIVE)")  # a file without the mark lacks nothing of its log
             plain.execute(f"PRAGMA user_version = {mark}")
             if mark and self._log_size() >= _LOG_HEADER_BYTES:  # of the log that this was just written to
-                with self._log.open("rb") as log:
-                    number = _number(log.read(_LOG_HEADER_BYTES))
-                plain.execute(f"PRAGMA user_version = {max(number, _WRITING)}")
+                plain.execute(f"PRAGMA user_version = {max(_number(self._log_begins()), _WRITING)}")
                 (busy, *_) = plain.execute("PRAGMA wal_checkpoint(FULL)").fetchone()
                 if busy:  # without its mark in the file, the log of a program that is killed would be another's
                     raise StoreFault(f"{self.path.name} cannot be marked: another program reads the store; close it")
@@ -436,10 +457,24 @@ class Store:
     def close(self) -> None:
         """Close the database and its file; the mark of a program that was killed goes with what SQLite kept of it."""
         with suppress(BadInput, StoreFault):
-            if self._had_log and self._marked():
+            if self._had_log and self._mark_seen():
                 with sessions_of(self.path):  # refused while a program writes
                     self.mark(0)
         self.engine.dispose()
+        _OPEN.discard(self)
+
+
+_OPEN: WeakSet[Store] = WeakSet()
+"""Stores that are open in this process: nothing but SQLite opens their files. Closing a file frees the locks that
+the process has on it, SQLite's too, and another program that closes the store then takes its log away."""
+
+
+def _inode(path: Path) -> tuple[int, int] | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 def is_server(place: str | os.PathLike[str]) -> bool:

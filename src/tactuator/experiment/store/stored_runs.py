@@ -145,7 +145,7 @@ class StoredRun:
 
     @cached_property
     def catch_kinds(self) -> NDArray[np.str_]:
-        """Return the kind of each trial, shape (trials,): "loud", "blank", or "" for trials that the procedure placed."""
+        """Return the kind of each trial, shape (trials,): "loud", "blank", or "" where the procedure placed it."""
         trials, seen = self.correct.size, self.intervals
         each = seen.saturated.size // max(trials, 1)
         if each == 0:

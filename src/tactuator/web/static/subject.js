@@ -116,15 +116,18 @@ const handlers = {
     banner(message.said);
     if (page.choices.number !== null) page.choices.valid(false);
   },
-  elsewhere() {
-    page.over = true;
-    setPending(null);
-    hideAll();
-    el("go").hidden = false;
-    el("go").textContent = word("continue_here");
-    say(word("elsewhere"));
-  },
+  elsewhere() { over("elsewhere"); },
+  changed() { over("changed"); },
 };
+
+function over(why) {
+  page.over = true;
+  setPending(null);
+  hideAll();
+  el("go").hidden = false;
+  el("go").textContent = word("continue_here");
+  say(word(why));
+}
 
 function simulated({ simulated: yes, shown }) {
   el("simulated").hidden = !yes;
