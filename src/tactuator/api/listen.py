@@ -20,7 +20,7 @@ from tactuator.rig.simulated import PacedRig
 from tactuator.speech.coding import LiveCoding, coding_of, live_coding
 from tactuator.speech.live.level import LevelSettings
 from tactuator.speech.live.meter import LiveBlock, LiveMeter
-from tactuator.speech.live.run import fed_shortly, run_live
+from tactuator.speech.live.run import fed_shortly, prompt, run_live
 from tactuator.speech.live.source import Source, open_source
 from tactuator.speech.live.stream import LiveState, LiveStream
 from tactuator.speech.options import CODING
@@ -140,7 +140,7 @@ class Listening:
 
     def run(self) -> ListenResult:
         """Play until the sound ends, or the keys or Ctrl-C stop it."""
-        with self, wishes() as wish, working("listen") as step:
+        with self, prompt(), wishes() as wish, working("listen") as step:
             while not self.wait(_LOOK_S):
                 wanted = wish()
                 self.muted = wanted == "pause"

@@ -177,6 +177,11 @@ async def stop(page: RigConnection) -> Answer:
     return {}
 
 
+async def rest(page: RigConnection) -> None:
+    """Bring the rig to rest, whichever page asks, without an answer."""
+    page.session.end("rest")
+
+
 async def live(page: RigConnection) -> Answer:
     """Play the generator and send every sample, until something else is asked for."""
     page.driven_rig().call("live")
@@ -323,7 +328,7 @@ def measure(page: RigConnection, settings: MeasureSettings) -> Answer:
 
 
 _FUNCTIONS = (
-    take, give, live, listen, mute, microphones, stop, reopen, controller, wave, peaks, touch, press, measure, expected,
+    take, give, live, listen, mute, microphones, stop, rest, reopen, controller, wave, peaks, touch, press, measure, expected,
     look, drawn, save,
 )  # fmt: skip
 REQUESTS: Functions = {function.__name__: function for function in _FUNCTIONS}

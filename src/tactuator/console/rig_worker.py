@@ -6,6 +6,7 @@ import itertools
 import os
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -36,7 +37,7 @@ from tactuator.signals.record import Response
 from tactuator.speech.coding import coding_of
 from tactuator.speech.live.level import LevelSettings
 from tactuator.speech.live.meter import LiveMeter
-from tactuator.speech.live.run import fed_shortly, run_live
+from tactuator.speech.live.run import fed_shortly, prompt, run_live
 from tactuator.speech.live.source import FileSource, Microphone, Source
 from tactuator.speech.live.stream import LiveStream
 
@@ -50,12 +51,15 @@ _GUARD_S = 0.5
 _PATIENCE_S = 5.0
 """Time for the rig to come to rest after the server has gone; then the process ends without it."""
 _LAST_S = 1.0
+_SWITCH_S = 0.001
+"""Longest time for which what computes keeps a call from being taken: a stop is one."""
 _WHILE_LIVE = ("generate", "mute", "touch", "press")
 """Calls that are served while samples flow."""
 
 
 def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
     """Hold the rig of that name with `display`, and obey the calls that come through the pipe until it ends."""
+    sys.setswitchinterval(_SWITCH_S)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which then ends the pipe
     sender = Sender(pipe)
     worker = RigWorker(spec, display, seed, sender.tell)
@@ -66,7 +70,7 @@ def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
 
 
 def _reader(pipe: Connection, worker: RigWorker) -> None:
-    with suppress(OSError, EOFError):
+    with prompt(), suppress(OSError, EOFError):
         while True:
             name, arguments = pipe.recv()
             worker.call(name, *arguments)
@@ -434,7 +438,7 @@ class Sender:
         self._thread.join(_LAST_S)
 
     def _work(self) -> None:
-        with suppress(OSError):
+        with prompt(), suppress(OSError):
             while (call := self._waiting.get()) is not None:
                 self._pipe.send(call)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gc
+import os
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from itertools import chain
 
 import numpy as np
@@ -38,6 +39,24 @@ def fed_shortly(rig: Rig) -> Iterator[None]:
             rig.allow_gaps = allowed
 
 
+@contextmanager
+def prompt() -> Iterator[None]:
+    """Let this thread run before any that is not at real-time priority, where the system permits it (Linux, `ulimit
+    -r`): a busy machine then does not hold it up. For threads that mostly wait.
+    """
+    usual = hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_OTHER
+    try:
+        if usual:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    except PermissionError:
+        usual = False
+    try:
+        yield
+    finally:
+        if usual:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Trace], None]) -> None:
     """Play a live stream on a loaded rig until it ends; `report` is called with the trace, in pieces as they come.
 
@@ -49,7 +68,7 @@ def run_live(stream: LiveStream, rig: Rig, source: Source, report: Callable[[Tra
     quiet = np.zeros((round(QUIET_S * rig.rate_hz), len(rig.channels)))
     gc.collect()
     gc.freeze()  # a search for garbage, 70 ms among all that is loaded, then goes over what is new
-    with closing(source):
+    with closing(source), nullcontext() if rig.waits else prompt():
         try:
             while True:
                 try:
