@@ -50,7 +50,7 @@ class LiveMeter:
         self._stream, self._rig = stream, rig
         self._levels = WindowLevels(rig.display, WINDOW_S, POINTS)
         self._rows = np.zeros((2, self._levels.length, len(rig.channels)))
-        self._pieces: list[FloatArray] = []
+        self._pieces: list[tuple[FloatArray, FloatArray]] = []
         self._step, self._new = round(BLOCK_S * rig.rate_hz), 0
         self._sensed = np.array([name not in rig.without_sensor for name in rig.channels])
 
@@ -63,14 +63,15 @@ class LiveMeter:
 
     def push(self, trace: Trace) -> Iterator[LiveBlock]:
         """Yield the blocks that a piece of the trace completes."""
-        rows = np.stack((trace.reference, trace.position_v))
-        while rows.shape[1]:
-            left = self._step - self._new
-            self._pieces.append(rows[:, :left])
-            self._new += self._pieces[-1].shape[1]
-            rows = rows[:, left:]
+        first = 0
+        while first < len(trace):
+            last = first + self._step - self._new
+            self._pieces.append((trace.reference[first:last], trace.position_v[first:last]))
+            self._new += len(self._pieces[-1][0])
+            first = last
             if self._new == self._step:
-                self._rows = np.concatenate((self._rows, *self._pieces), axis=1)[:, -self._levels.length :]
+                new = np.stack([np.concatenate(each) for each in zip(*self._pieces, strict=True)])
+                self._rows = np.concatenate((self._rows, new), axis=1)[:, -self._levels.length :]
                 self._pieces, self._new = [], 0
                 yield self._block()
 
