@@ -87,7 +87,7 @@ def test_listen__tone__callback_gets_its_level_asked_and_felt_as_the_finger_port
         assert block.felt_db_sl["thumb"] == pytest.approx(truth_db, abs=0.5)
         loudest = block.frequency_hz[np.argmax(block.felt_spectrum_db_sl[1])]
         assert loudest == pytest.approx(TONE_HZ, rel=0.06)
-        assert 0.015 < block.delay_s[0] <= block.delay_s[1] < 0.03
+        assert 0.013 < block.delay_s[0] <= block.delay_s[1] < 0.03
     result = live.result
     assert (result.stopped, blocks[-1].dropouts, result.state.dropouts) == (False, 0, 0)
     fixed_s = sum(result.delays_s.values())

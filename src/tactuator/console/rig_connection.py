@@ -328,8 +328,8 @@ def measure(page: RigConnection, settings: MeasureSettings) -> Answer:
 
 
 _FUNCTIONS = (
-    take, give, live, listen, mute, microphones, stop, rest, reopen, controller, wave, peaks, touch, press, measure, expected,
-    look, drawn, save,
+    take, give, live, listen, mute, microphones, stop, rest, reopen, controller, wave, peaks, touch, press, measure,
+    expected, look, drawn, save,
 )  # fmt: skip
 REQUESTS: Functions = {function.__name__: function for function in _FUNCTIONS}
 """Functions of RigConnection."""
