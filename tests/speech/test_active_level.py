@@ -140,6 +140,28 @@ def test_level__a_long_knock_in_a_short_recording__within_1_db_or_said(seed):
     assert abs(got.level_db - 10.0 * math.log10(2.0) - level) < 1.0 or any("a knock?" in note for note in got.notes)
 
 
+@pytest.mark.parametrize("noise_db", [-60.0, -40.0])
+@pytest.mark.parametrize("seconds", [20.0, 60.0])
+def test_level__speech_before_a_long_pause__is_p56_and_not_taken_for_a_knock(seconds, noise_db):
+    samples, rng = spoken(5, 4.0), np.random.default_rng(5)
+    level = p56(samples, RATE_HZ)[0]
+    noise = 10.0 ** ((level + noise_db) / 20.0) * rng.standard_normal(int(seconds * RATE_HZ))
+    got = measured(np.r_[samples, noise])
+    assert got.level_db - 10.0 * math.log10(2.0) == pytest.approx(level, abs=0.5)
+    assert not any("left out" in note for note in got.notes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("above_db", [0.0, 6.0, 12.0])
+def test_level__hum_or_noise_as_strong_as_the_speech__is_said(seed, above_db):
+    samples, rng = spoken(seed), np.random.default_rng(seed)
+    rms, time = 10.0 ** ((p56(samples, RATE_HZ)[0] + above_db) / 20.0), np.arange(samples.size) / RATE_HZ
+    steady = math.sqrt(2.0) * np.sin(2 * np.pi * 50.0 * time), rng.standard_normal(samples.size)
+    assert not any("hardly falls" in note for note in measured(samples).notes)
+    for each in steady:
+        assert any("hardly falls" in note for note in measured(samples + rms * each).notes)
+
+
 def test_level__however_it_is_cut__same_and_silence_has_none():
     samples = spoken(3)
     assert measured(samples, (1, 99, 100, 4001, 9000)).level_db == pytest.approx(measured(samples).level_db, abs=1e-9)

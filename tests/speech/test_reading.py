@@ -7,6 +7,7 @@ import pytest
 import soundfile
 
 from tactuator.errors import BadInput
+from tactuator.io.sound_frames import _flac_spans
 from tactuator.speech.reading import sample_path, scan_speech, speech_blocks
 from tools.formant_synthesis import RATE_HZ, synthesise
 
@@ -97,6 +98,18 @@ def test_scan_speech__channels_that_cancel__said_with_how_much_is_lost(write_sou
 def test_scan_speech__clipped__said(write_sound, subtype, gain, clips):
     notes = scan_speech(write_sound(np.clip(gain * 2.0 * tone(frequency_hz=211.0), -0.97, 0.97), subtype=subtype)).notes
     assert any("clipping is likely" in note for note in notes) is clips
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.4, 0.4), (-2.0, 0.3), (-0.3, 2.0)])
+@pytest.mark.parametrize("after", [1.0, 0.02])
+def test_scan_speech__clipped_on_one_side_with_a_mean_or_turned_down_after__said(write_sound, low, high, after):
+    voice = (1.0 + 0.5 * tone(2.0, frequency_hz=3.0)) * tone(2.0, frequency_hz=211.0) + 0.05
+    for channels in (1, 2):
+        rows = np.stack([after * np.clip(2.0 * voice, low, high), after * 0.1 * voice][:channels], axis=1)
+        notes = scan_speech(write_sound(rows, subtype="PCM_24")).notes
+        assert any("clipping is likely" in note for note in notes)
+        whole = np.stack([after * 0.4 * voice] * channels, axis=1)
+        assert not any("clipping" in note for note in scan_speech(write_sound(whole, subtype="PCM_16")).notes)
 
 
 def streamed(path, length):
@@ -196,7 +209,9 @@ def test_scan_speech__flac_that_states_half__read_to_its_end_and_said_or_refused
     soundfile.write(path, np.random.default_rng(2).uniform(-0.5, 0.5, 64_000), 16000)
     whole, content = read(path), path.read_bytes()
     half = content[:21] + bytes([content[21] & 0xF0]) + struct.pack(">I", 32_000) + content[26:]
-    for behind in (b"", b"TAG" + bytes(125)):
+    like = b"\xff\xf8\x54\x08\xf7\xbf\xbf\xbf"  # the head of a frame of a number beyond all others
+    like += bytes([next(last for last in range(256) if list(_flac_spans(like + bytes([last]) + bytes(20), 4096)))])
+    for behind in (b"", b"TAG" + bytes(125), like + bytes(20)):
         path.write_bytes(content + behind)
         assert scan_speech(path).notes == ()
     path.write_bytes(half)

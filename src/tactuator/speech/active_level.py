@@ -23,6 +23,11 @@ OUTSTANDING_DB, FRAME_S = 13.0, 0.025
 TRIMMED_SHARE, MOST_SHARE = 0.1, 0.15
 """A thump may hide all speech from P.56: the first guess is of what the loudest tenth of the frames leaves. More than
 15 % is no exception."""
+LONGEST_KNOCK_S = 0.3
+"""Frames above the rest for longer are words between pauses: a knock, and the two frames beside it, are shorter."""
+STEADY_S, STEADY_DB = 2.0, 3.5
+"""Reported: so long without a tenth of the frames that far below the level. Hum and noise as strong as the speech are
+at most 3.5 dB below the level of both; within two seconds of thirty recordings of speech it falls by 4 and more."""
 NEAR_DB, RAISED_DB, HIDES_DB, FAINT_DB = 9.5, 0.8, 8.0, 45.0
 """Reported: frames from the first on that, with the two beside each, raise the level by the second; a loudest tenth
 without which the level is lower by the third, but by less than the last: below it is no speech."""
@@ -80,6 +85,10 @@ def _and_beside(frames: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _outstanding(above_db: FloatArray) -> NDArray[np.bool_]:
     """Return the frames that are no speech, by their dB above the level of the others."""
     frames = _and_beside(above_db > OUTSTANDING_DB)
+    edges = np.flatnonzero(np.diff(np.r_[False, frames, False]))
+    for begin, end in edges.reshape(-1, 2):
+        if (end - begin) * FRAME_S > LONGEST_KNOCK_S:
+            frames[begin:end] = False
     return frames if frames.mean() <= MOST_SHARE else np.zeros_like(frames)
 
 
@@ -103,6 +112,14 @@ def _notes(above_db: FloatArray, left_out: NDArray[np.bool_], quieter_db: float)
     if loudest_db > WARNED_DB:
         words = f"the loudest {1e3 * LOUDEST_S:.0f} ms, at {at_s:.3g} s, are {loudest_db:.0f} dB above the level"
         yield f"{words}: a knock? cut it out"
+    window = round(STEADY_S / FRAME_S)
+    if len(above_db) >= window:
+        least_db = np.percentile(
+            np.lib.stride_tricks.sliding_window_view(above_db, window)[:: window // 10], 10, axis=1
+        )
+        if (steady := least_db > -STEADY_DB).any():
+            at_s = float(np.argmax(steady)) * (window // 10) * FRAME_S
+            yield f"from {at_s:.3g} s on it hardly falls for {STEADY_S:g} s or longer: hum, noise or a tone in its level?"
 
 
 def _frame_powers(blocks: Iterator[FloatArray], frame: int) -> Iterator[FloatArray]:

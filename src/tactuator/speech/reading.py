@@ -42,10 +42,12 @@ LARGEST_SWING = 1e6
 
 CANCELS_DB = 20.0
 """Loss by mixing from which on it is reported: channels of one voice lose 3 dB at most."""
-_CLIPPED_STEP, _CLIPPED_SHARE, _CLIPPED_RUNS = 0.01, 0.99, 3
-"""Clipped: a step of 1 % of full scale or more, and then three equal samples at the peak (within a step of 8 bits),
-three times or more. A smooth peak is reached by smaller steps."""
+_CLIPPED_STEP, _CLIPPED_SHARE, _CLIPPED_RUNS, _FINE_STEP = 0.01, 0.99, 3, 1e-4
+"""Clipped: a step of 1 % of the peak or more, and then three equal samples at the peak of its sign (within a step of 8
+bits), three times or more. A smooth peak is reached by smaller steps; so is one of few steps of its encoding: of 8 bits,
+1 % of full scale are one."""
 
+_COARSE = ("PCM_U8", "PCM_S8", "ULAW", "ALAW")
 _Samples = NDArray[np.float64 | np.int16]
 _UNIT = {np.dtype(np.float64): 1.0, np.dtype(np.int16): 2.0**-15}
 """Of full scale: whole numbers of 16 bits are read in a fifth of the time, and come to the same signal."""
@@ -178,8 +180,10 @@ def _mixed(block: _Samples) -> _Samples:
 @dataclass
 class _Found:
     """What one reading of a file finds. powers: sum of squares of the mix, and of all channels' mean power. flat: of
-    runs of equal samples, how many and the greatest magnitude in the file: a clipped peak is one.
+    runs of equal samples behind a step, how many of each value. extremes: of all channels. least_step: that counts.
     """
+
+    least_step: float
 
     frames: int = 0
     total: float = 0.0
@@ -188,6 +192,7 @@ class _Found:
     mixed_power: float = 0.0
     channel_power: float = 0.0
     flat: Counter[float] = field(default_factory=Counter)
+    extremes: tuple[float, float] = (0.0, 0.0)
     kept: list[_Samples] = field(default_factory=list)
 
     @property
@@ -203,14 +208,25 @@ class _Found:
         if block.shape[1] > 1:
             self.mixed_power += float(np.sum(mono**2))
             self.channel_power += float(np.mean(np.sum(block**2, axis=0)))
+        self.extremes = (
+            min(self.extremes[0], unit * float(block.min())),
+            max(self.extremes[1], unit * float(block.max())),
+        )
         steps = unit * np.abs(np.diff(block.astype(np.float64), axis=0))
-        begins = (steps[:-2] > _CLIPPED_STEP) & (steps[1:-1] == 0.0) & (steps[2:] == 0.0)
-        for value in np.abs(block[1:-2][begins]).tolist():
-            self.flat[unit * value] += 1
+        values = unit * block[1:-2].astype(np.float64)
+        large = steps[:-2] > np.maximum(_CLIPPED_STEP * np.abs(values), self.least_step)
+        self.flat.update(values[large & (steps[1:-1] == 0.0) & (steps[2:] == 0.0)].tolist())
+
+    def clipped(self) -> Iterator[tuple[int, float]]:
+        """Yield how many peaks are cut off, and where, of either sign."""
+        for peak in self.extremes:
+            count = sum(many for value, many in self.flat.items() if value / (peak or 1.0) >= _CLIPPED_SHARE)
+            if count >= _CLIPPED_RUNS:
+                yield count, abs(peak)
 
 
 def _scan_samples(path: Path, file: soundfile.SoundFile) -> _Found:
-    found = _Found()
+    found = _Found(_FINE_STEP if file.subtype not in _COARSE else _CLIPPED_STEP)
     for block in _read(file, BLOCK_FRAMES):
         mono = _mixed(block)
         found.total += _UNIT[block.dtype] * float(mono.sum())
@@ -232,7 +248,5 @@ def _notes(found: _Found, channels: int, peak: float) -> Iterator[str]:
             yield f"the channels cancel: their mean is {lost_db:.0f} dB below them; is one reversed?"
     if abs(found.mean) > 0.01 * peak:
         yield f"a mean of {found.mean:.4g} of full scale (DC) was taken out"
-    top = max(found.flat, default=0.0)
-    clipped = sum(count for value, count in found.flat.items() if value >= _CLIPPED_SHARE * top)
-    if clipped >= _CLIPPED_RUNS and top >= _CLIPPED_SHARE * (peak + abs(found.mean)):
-        yield f"clipping is likely: {clipped} peaks are cut off at {top:.3g} of full scale"
+    if cut := list(found.clipped()):
+        yield f"clipping is likely: {sum(count for count, _ in cut)} peaks are cut off at {cut[-1][1]:.3g} of full scale"
