@@ -135,6 +135,17 @@ def test_typed_display__that_names_a_private_file__repeats_none_of_it(tmp_path, 
     assert SECRET not in str(refusal.value) + str(refusal.value.document())
 
 
+@pytest.mark.parametrize("key", NAMING)
+@pytest.mark.parametrize("name", ["a" * 300, "a" * 300 + ".csv", "a/" * 3000 + "b.json", "locked/x.csv", "locked/x.json"])
+def test_typed_display__name_that_no_file_can_have__is_refused_in_a_sentence(tmp_path, key, name):
+    (tmp_path / "locked").write_text("a file, not a folder")
+    plant = {"plant": f'"{name}"', "plants": f'["{name}"]'}.get(key, "{ num = [950.0], den = [1.0, 60.0, 1600.0] }")
+    head = '[display]\nname = "a"\nrate_hz = 4000.0\n' + NAMING[key].format(name)
+    with pytest.raises(BadInput) as refusal:
+        ConsoleState().take_text(head + f'[[channel]]\nname = "thumb"\nplant = {plant}\n', tmp_path)
+    assert len(str(refusal.value)) < 4500
+
+
 def test_typed_display__path_with_a_nul__is_refused(tmp_path):
     text = '[display]\nname = "a"\nrate_hz = 4000.0\n[[channel]]\nname = "thumb"\nplant = "a\\u0000"\n'
     with pytest.raises(BadInput, match="no file has such a name"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -69,7 +70,7 @@ def _of_file(path: Path, where: str, looped: bool, columns: ResponseColumns) -> 
     with within(where, "plant"):
         require_kind(path, "model", "response")
     response = None
-    if path.suffix.lower() != ".json" and path.is_file():
+    if path.suffix.lower() != ".json" and os.path.isfile(path):  # noqa: PTH113  (False for any text)
         with within(where, f"plant {path}"):
             response = _response(path, path.stat().st_mtime_ns, columns)
     return _of_model(path, where) if response is None else _of_response(response, path, where, looped)

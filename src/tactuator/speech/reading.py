@@ -249,4 +249,5 @@ def _notes(found: _Found, channels: int, peak: float) -> Iterator[str]:
     if abs(found.mean) > 0.01 * peak:
         yield f"a mean of {found.mean:.4g} of full scale (DC) was taken out"
     if cut := list(found.clipped()):
-        yield f"clipping is likely: {sum(count for count, _ in cut)} peaks are cut off at {cut[-1][1]:.3g} of full scale"
+        peaks = sum(count for count, _ in cut)
+        yield f"clipping is likely: {peaks} peaks are cut off at {cut[-1][1]:.3g} of full scale"
