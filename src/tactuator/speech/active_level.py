@@ -119,7 +119,7 @@ def _notes(above_db: FloatArray, left_out: NDArray[np.bool_], quieter_db: float)
         )
         if (steady := least_db > -STEADY_DB).any():
             at_s = float(np.argmax(steady)) * (window // 10) * FRAME_S
-            yield f"from {at_s:.3g} s on it hardly falls for {STEADY_S:g} s or longer: hum, noise or a tone in its level?"
+            yield f"from {at_s:.3g} s on it hardly falls for {STEADY_S:g} s: hum, noise or a tone in its level?"
 
 
 def _frame_powers(blocks: Iterator[FloatArray], frame: int) -> Iterator[FloatArray]:

@@ -44,8 +44,7 @@ CANCELS_DB = 20.0
 """Loss by mixing from which on it is reported: channels of one voice lose 3 dB at most."""
 _CLIPPED_STEP, _CLIPPED_SHARE, _CLIPPED_RUNS, _FINE_STEP = 0.01, 0.99, 3, 1e-4
 """Clipped: a step of 1 % of the peak or more, and then three equal samples at the peak of its sign (within a step of 8
-bits), three times or more. A smooth peak is reached by smaller steps; so is one of few steps of its encoding: of 8 bits,
-1 % of full scale are one."""
+bits), three times or more. A smooth peak is reached by smaller steps. Of 8 bits a step is of full scale."""
 
 _COARSE = ("PCM_U8", "PCM_S8", "ULAW", "ALAW")
 _Samples = NDArray[np.float64 | np.int16]
