@@ -136,9 +136,7 @@ def test_typed_display__that_names_a_private_file__repeats_none_of_it(tmp_path, 
 
 
 @pytest.mark.parametrize("key", NAMING)
-@pytest.mark.parametrize(
-    "name", ["a" * 300, "a" * 300 + ".csv", "a/" * 3000 + "b.json", "locked/x.csv"]
-)
+@pytest.mark.parametrize("name", ["a" * 300, "a" * 300 + ".csv", "a/" * 3000 + "b.json", "locked/x.csv"])
 def test_typed_display__name_that_no_file_can_have__is_refused_in_a_sentence(tmp_path, key, name):
     (tmp_path / "locked").write_text("a file, not a folder")
     plant = {"plant": f'"{name}"', "plants": f'["{name}"]'}.get(key, "{ num = [950.0], den = [1.0, 60.0, 1600.0] }")
