@@ -1,12 +1,21 @@
 """Doors for an attacker who hands over a file, a name or a place: files that take their numbers from others, control
 characters in what is printed, links in the place of a lock."""
 
+import asyncio
+import io
+import time
 from types import SimpleNamespace
+from unittest.mock import AsyncMock
 
 import h5py
 import numpy as np
 import pytest
+import uvicorn
+from fastapi import FastAPI
 
+from tactuator.api import recognition
+from tactuator.api.progress import say
+from tactuator.cli import output
 from tactuator.cli.main import main
 from tactuator.console.state import ConsoleState
 from tactuator.errors import BadInput, visible
@@ -17,6 +26,7 @@ from tactuator.io.display import read_display
 from tactuator.io.hdf5 import opened_hdf5
 from tactuator.io.text import require_inside
 from tactuator.web.pages import HEADERS
+from tactuator.web.server import PageServer
 from tactuator.web.sockets import same_origin
 
 
@@ -81,6 +91,30 @@ def test_printed__control_character_or_mark_of_direction__is_escaped(tmp_path, c
     assert f"\\u{ord(mark[0]):04x}" in said
     assert visible(str(BadInput(mark, mark))) == str(BadInput(mark, mark))
     assert visible("Ω ä 中\tµ") == "Ω ä 中\tµ"
+
+
+@pytest.mark.parametrize("shows", ["said", "told", "asked", "served", "bar", "line"])
+def test_terminal__text_of_a_protocol_or_a_name__can_neither_command_it_nor_be_taken_for_markup(monkeypatch, shows):
+    """A protocol that another laboratory wrote has texts for subjects, and names; so has a display file."""
+    screen, text = io.StringIO(), "\x1b]0;x\x07 [/b] \u202e"
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    monkeypatch.setattr("sys.stderr.isatty", lambda: shows == "bar", raising=False)
+    if shows == "served":
+        server = PageServer(uvicorn.Config(FastAPI()))
+        server.said = [text]
+        monkeypatch.setattr(uvicorn.Server, "startup", AsyncMock())
+        asyncio.run(server.startup())
+    elif shows in ("bar", "line"):
+        monkeypatch.setattr(output, "EVERY_S", 0.01)
+        with output.Bars()(text, 1.0) as step:
+            step(0.5, text=text)
+            while not screen.getvalue():
+                time.sleep(0.01)
+    else:
+        {"said": say, "told": recognition._tell, "asked": recognition._typed}[shows](text)
+    assert "\\u001b]0;x\\u0007 [/b] \\u202e" in screen.getvalue()
+    assert "\x07" not in screen.getvalue()
 
 
 def test_lock__that_is_a_link__is_not_followed(tmp_path):

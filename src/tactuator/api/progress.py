@@ -6,6 +6,8 @@ from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from typing import Protocol
 
+from tactuator.errors import visible
+
 
 class Step(Protocol):
     """Called with the progress of a stretch of work."""
@@ -47,5 +49,5 @@ def working(text: str, total: float | None = None) -> AbstractContextManager[Ste
 
 def say(text: str) -> None:
     """Print, at once, what the person at the terminal must do or know while a function runs."""
-    sys.stderr.write(f"tactuator: {text}\n")
+    sys.stderr.write(f"tactuator: {visible(text)}\n")
     sys.stderr.flush()

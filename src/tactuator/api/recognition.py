@@ -13,7 +13,7 @@ from tactuator.api.experiment import StoreFile, Voided, opened_apparatus
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, RigOption, Seed
 from tactuator.api.progress import working
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, visible
 from tactuator.experiment.protocol.file import read_protocol
 from tactuator.experiment.protocol.recognition import RecognitionProtocol
 from tactuator.experiment.result import information as estimates
@@ -109,12 +109,12 @@ def _terminal(task: SessionTask) -> Respondent:
 
 
 def _tell(text: str) -> None:
-    sys.stderr.write(f"{text}\n")
+    sys.stderr.write(f"{visible(text)}\n")
     sys.stderr.flush()
 
 
 def _typed(prompt: str) -> str:
-    sys.stderr.write(prompt)
+    sys.stderr.write(visible(prompt))
     sys.stderr.flush()
     line = sys.stdin.readline()
     if not line:

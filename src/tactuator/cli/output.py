@@ -109,7 +109,7 @@ def _lines(text: str) -> Iterator[Step]:
         for number in count(1):
             if ended.wait(EVERY_S):
                 return
-            sys.stderr.write(f"tactuator: {current[0]}, {number * EVERY_S:g} s\n")
+            sys.stderr.write(f"tactuator: {visible(current[0])}, {number * EVERY_S:g} s\n")
             sys.stderr.flush()
 
     def step(done: float | None = None, total: float | None = None, text: str | None = None) -> None:
@@ -137,10 +137,10 @@ class Bars:
             return
         with ExitStack() as stack:
             if self._shown is None:
-                columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+                columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
                 self._shown = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
                 stack.callback(setattr, self, "_shown", None)
-            shown, task = self._shown, self._shown.add_task(text, total=total)
+            shown, task = self._shown, self._shown.add_task(visible(text), total=total)
             yield lambda done=None, total=None, text=None: shown.update(
-                task, completed=done, total=total, description=text
+                task, completed=done, total=total, description=None if text is None else visible(text)
             )

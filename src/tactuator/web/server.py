@@ -191,7 +191,7 @@ class PageServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to answer, then write the lines."""
         await super().startup(sockets)
-        sys.stderr.write("".join(f"{line}\n" for line in self.said))
+        sys.stderr.write("".join(f"{visible(line)}\n" for line in self.said))
         sys.stderr.flush()
 
 

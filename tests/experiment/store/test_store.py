@@ -76,6 +76,42 @@ def test_store__that_is_not_there_of_something_else_or_damaged__is_refused(tmp_p
         Store(path)
 
 
+_HOARD = "CREATE TRIGGER hoard BEFORE DELETE ON subject BEGIN SELECT RAISE(IGNORE); END"
+_FLIP = "CREATE TRIGGER flip AFTER INSERT ON response BEGIN UPDATE response SET correct = 1; END"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([_HOARD], "the triggers 'hoard'"),
+        ([_HOARD, _FLIP], "the triggers 'hoard', 'flip'"),
+        (["ALTER TABLE run DROP COLUMN shown"], "lacks shown in the table run"),
+        (["DROP TABLE void"], "in the table void"),
+        (["ALTER TABLE trial RENAME TO old", "CREATE VIEW trial AS SELECT * FROM old"], "in the table trial"),
+        (["DELETE FROM schema_version"], "schema version none"),
+        ([f"INSERT INTO schema_version VALUES ({schema.VERSION})"], f"version {schema.VERSION}, {schema.VERSION}"),
+    ],
+)
+def test_store__that_acts_by_itself_or_lacks_a_part__is_refused(tmp_path, changes, words) -> None:
+    """A trigger kept a subject who was to be erased, of whom the program then said that all was."""
+    path = tmp_path / "lab.db"
+    Store(path).close()
+    with closing(sqlite3.connect(path)) as plain, plain:
+        for change in changes:
+            plain.execute(change)
+    with pytest.raises(BadInput, match=words):
+        Store(path)
+
+
+def test_store__with_a_view_and_a_table_of_the_laboratorys_own__is_opened(tmp_path) -> None:
+    path = tmp_path / "lab.db"
+    Store(path).close()
+    with closing(sqlite3.connect(path)) as plain, plain:
+        plain.execute("CREATE VIEW right_ones AS SELECT * FROM response WHERE correct")
+        plain.execute("CREATE TABLE remarks (text TEXT)")
+    Store(path).close()
+
+
 def test_close__ctrl_c_within_the_library__leaves_the_word_to_the_program(tmp_path, monkeypatch, caplog) -> None:
     """SQLAlchemy logged it with a traceback, beside the program's one line."""
     store = Store(tmp_path / "lab.db")

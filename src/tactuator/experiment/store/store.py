@@ -421,9 +421,24 @@ class Store:
             raise BadInput(f"store holds the tables {', '.join(names)}", "one that tactuator made, or a new file")
         else:
             with self.engine.connect() as connection:
-                version = connection.execute(select(schema.schema_version.c.version)).scalar_one()
-            if version != schema.VERSION:
-                raise BadInput(f"store has schema version {version}", f"{schema.VERSION}; another tactuator wrote it")
+                versions = connection.execute(select(schema.schema_version.c.version)).scalars().all()
+                if versions != [schema.VERSION]:
+                    got = f"store has schema version {', '.join(map(str, versions)) or 'none'}"
+                    raise BadInput(got, f"{schema.VERSION}; another tactuator wrote it")
+                self._require_own_form(connection)
+
+    def _require_own_form(self, connection: Connection) -> None:
+        """Refuse a store that lacks a column, or whose file acts by itself: a trigger may alter what is answered, or
+        keep what is erased. A view in the place of a table is none.
+        """
+        made = {name: columns for (_, name), columns in inspect(connection).get_multi_columns().items()}
+        for name, table in schema.tables.tables.items():
+            if lacks := set(table.columns.keys()) - {column["name"] for column in made.get(name, ())}:
+                raise BadInput(f"store lacks {', '.join(sorted(lacks))} in the table {name}", "one that tactuator made")
+        query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+        if self.is_file and (triggers := connection.exec_driver_sql(query).scalars().all()):
+            got = f"store has the triggers {', '.join(map(repr, triggers))}"
+            raise BadInput(got, "a store without (DROP TRIGGER), once its answers are looked through")
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
