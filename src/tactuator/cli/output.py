@@ -137,7 +137,12 @@ class Bars:
             return
         with ExitStack() as stack:
             if self._shown is None:
-                columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+                columns = (
+                    TextColumn("{task.description}", markup=False),
+                    BarColumn(),
+                    MofNCompleteColumn(),
+                    TimeRemainingColumn(),
+                )
                 self._shown = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
                 stack.callback(setattr, self, "_shown", None)
             shown, task = self._shown, self._shown.add_task(visible(text), total=total)
