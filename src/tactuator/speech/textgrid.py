@@ -13,7 +13,8 @@ from tactuator.io.text import read_content, text_of
 from tactuator.speech.taps import Phoneme
 
 MOST_PHONEMES, LONGEST_S = 10_000, 3600.0
-_ROUNDED_S = 0.001
+_ROUNDED_S, _CUT_S = 0.001, 0.01
+"""Times may overlap by the first, as rounding leaves them, and exceed their tier's or file's end by the second."""
 _OF_ARPABET = {
     "IY": "EE", "EY": "AY", "AY": "I", "AA": "AH", "AO": "AW", "OW": "OE", "UW": "OO", "HH": "H", "JH": "J",
     "AW": "OW", "AH": "UH", "UH": "UU",
@@ -79,6 +80,7 @@ def _intervals(text: str) -> list[tuple[str, float]]:
     """Return the intervals of the tier of phones, in Praat's long or short text form: the order is the same."""
     tokens = [(words.replace('""', '"'), number) for words, number in _TOKEN.findall(text.partition('TextGrid"')[2])]
     tiers: dict[str, list[tuple[str, float, float]]] = {}
+    ends: dict[str, float] = {}
     at, twice, begun, stated = 0, None, 0, ""
     try:
         while at < len(tokens):
@@ -95,6 +97,7 @@ def _intervals(text: str) -> list[tuple[str, float]]:
                 raise ValueError
             if kind == "IntervalTier":
                 twice = name if name in tiers else twice
+                ends[name] = min(float(tokens[at + 3][1]), float(tokens[1][1]) if tokens[0][1] else inf)
                 tiers[name] = [(row[2][0], float(row[0][1]), float(row[1][1])) for row in rows]
             at = after
         if stated not in ("", str(begun)):
@@ -106,9 +109,15 @@ def _intervals(text: str) -> list[tuple[str, float]]:
     named = [name for name in tiers if "phon" in name.lower()] or list(tiers)
     if len(named) != 1:
         raise BadInput(f"tiers {', '.join(tiers) or 'none'}", "one interval tier, or one whose name has 'phon' in it")
-    free_s = -inf
+    free_s, last_s = 0.0, ends[named[0]]
     for label, begin_s, end_s in tiers[named[0]]:
         if begin_s < free_s - _ROUNDED_S or end_s < begin_s:
-            raise BadInput(f"times that go back, or intervals that overlap, at {label!r}", "one after another")
+            got = f"times that go back, or intervals that overlap, at {label!r}"
+            raise BadInput(got, "one after another from 0 s on")
+        if end_s == begin_s and _name(label):
+            raise BadInput(f"{label!r} at {begin_s:g} s has no length", "intervals that last")
+        if end_s > last_s + _CUT_S:
+            got = f"{label!r} from {begin_s:g} to {end_s:g} s, and its tier or file ends at {last_s:g} s"
+            raise BadInput(got, "intervals within their tier and file")
         free_s = end_s
     return [(label, begin_s) for label, begin_s, _ in tiers[named[0]]]
