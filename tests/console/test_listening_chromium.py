@@ -14,6 +14,11 @@ DRAWN = """[...document.querySelectorAll('.live canvas')].map((one) => {
     return Math.max(...seen) - Math.min(...seen.filter((_, i) => i % 4 < 3));
 })"""
 """How far the newest columns of each picture are from one colour."""
+STARTED = """() => {
+    document.querySelector("#live-start").click();
+    return document.querySelector("#live-now").textContent;
+}"""
+"""Busy is shown before anything is waited for."""
 
 
 @pytest.fixture
@@ -30,7 +35,8 @@ def console(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_live__by_keyboard__levels_and_spectra_are_shown_muted_and_ended_by_escape(browser, console):
     with opened_page(browser, f"{address_of(console)}&view=speech&display=file", "speech", 60.0) as page:
-        pressed(page, "#live-start", "#live-now:has-text('Starting')")
+        page.wait_for_selector("#live-start:not([disabled])")
+        assert page.evaluate(STARTED).startswith("Starting")
         page.wait_for_selector("#rig-mode:has-text('listening')")
         until(page, f"{LEVEL} > 20")
         page.wait_for_selector("#live-figures:has-text('drop-outs')")

@@ -1,8 +1,9 @@
 """Live sound on fingers: `listen`."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent import futures
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial, wraps
@@ -96,27 +97,27 @@ class Listening:
     ) -> None:
         self._opening, self._name, self._on_block = opening, name, on_block
         self._stack = ExitStack()
-        self._fault: BaseException | None = None
         self.block: LiveBlock | None = None
 
     def __enter__(self) -> Self:
         self._ready = self._stack.enter_context(self._opening())
-        self._thread = threading.Thread(target=self._play)
-        self._thread.start()
+        stream, rig, source = self._ready.stream, self._ready.rig, self._ready.source
+        beside = self._stack.enter_context(ThreadPoolExecutor(1))
+        self._playing = beside.submit(run_live, stream, rig, source, self._report)
         return self
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         with self._stack:
-            if self._thread.is_alive():
+            if not self._playing.done():
                 self.stop()
-            self._thread.join()
+            futures.wait([self._playing])
             stream, source, delays_s = self._ready.stream, self._ready.source, self._ready.meter.delays()
             coding_delays_s = dict(stream.coding_delays)
             self.result = ListenResult(
                 self._name, stream.state, stream.stopped, delays_s, coding_delays_s, source.notes
             )
-        if self._fault is not None and error is None:
-            raise self._fault
+        if error is None:
+            self._playing.result()
 
     @property
     def muted(self) -> bool:
@@ -133,10 +134,10 @@ class Listening:
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until the sound ends, and return whether it has. Raises what ended it: of the callback, or a fault."""
-        self._thread.join(timeout_s)
-        if self._fault is not None:
-            raise self._fault
-        return not self._thread.is_alive()
+        over, _ = futures.wait([self._playing], timeout_s)
+        for each in over:
+            each.result()
+        return bool(over)
 
     def run(self) -> ListenResult:
         """Play until the sound ends, or the keys or Ctrl-C stop it."""
@@ -148,12 +149,6 @@ class Listening:
                     self.stop()
                 step(text=_line(self._ready.stream.state))
         return self.result
-
-    def _play(self) -> None:
-        try:
-            run_live(self._ready.stream, self._ready.rig, self._ready.source, self._report)
-        except BaseException as error:  # raised where `with` is left, or `wait` is called
-            self._fault = error
 
     def _report(self, trace: Trace) -> None:
         for block in self._ready.meter.push(trace):
