@@ -44,14 +44,13 @@ def designs_and_models(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     base = tmp_path_factory.getbasetemp()  # of this run; a worker's is in the folder of all workers
     kept = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
     kept.mkdir(exist_ok=True)
+    functions = design.design_channel, identification.identify, strength._shaping, controllers.controller_bits
+    once = {id(function): made_once(kept, function) for function in functions}
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in (
-            (design, "design_channel"),
-            (identification, "identify"),
-            (strength, "_shaping"),
-            (controllers, "controller_bits"),
-        ):
-            patch.setattr(module, name, made_once(kept, getattr(module, name)))
+        for module in [module for name, module in sys.modules.items() if name.startswith("tactuator.")]:
+            for name, value in list(vars(module).items()):
+                if id(value) in once:  # under whatever name it was imported
+                    patch.setattr(module, name, once[id(value)])
         yield
 
 

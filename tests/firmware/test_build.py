@@ -97,7 +97,7 @@ def test_program__that_does_not_fit_or_lacks_its_tools__is_refused(tmp_path: Pat
             act()
 
 
-@pytest.mark.parametrize("baud", [BAUD, 2_500_000])
+@pytest.mark.parametrize("baud", [BAUD, pytest.param(2_500_000, marks=pytest.mark.slow)])
 def test_program__for_a_baud_rate__both_ends_have_it_within_what_a_byte_bears(
     tmp_path, capsys, monkeypatch, baud
 ) -> None:

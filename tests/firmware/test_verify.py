@@ -92,6 +92,7 @@ def test_verify__emulated_stm32f405_in_free_run__no_interrupt_is_late(seconds: f
     assert 0 < found.cycles < 42_000 / 4  # bytes that come in the middle of a step among them
 
 
+@pytest.mark.slow
 def test_firmware__verify_over_a_port__says_so_and_ends_with_0_or_refuses(tmp_path, capsys) -> None:
     write_controller(tmp_path / "c.json", designed())
     words = ["verify", "--controller", str(tmp_path / "c.json"), "--seconds", "1", "--rig"]

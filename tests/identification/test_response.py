@@ -91,7 +91,7 @@ def test_identify_response__bad_readings__are_left_out_and_named(assumed: bool, 
     assert np.all(np.delete(found.model.band_db(HERTZ), bad) < 0.1)
 
 
-@pytest.mark.parametrize(("order", "right"), [(None, True), (3, False), (5, True)])
+@pytest.mark.parametrize(("order", "right"), [pytest.param(None, True, marks=pytest.mark.slow), (3, False), (5, True)])
 def test_identify_response__magnitudes_alone__is_right_or_refused(order, right):
     """With five poles it was 2.8 dB off, and trusted."""
     pair = np.array([-100.0 + 1540.0j, -100.0 - 1540.0j])

@@ -205,6 +205,7 @@ def test_identify__noise_free_through_a_card__simplest_form_and_trusted(top_hz, 
     assert np.max(np.abs(20.0 * np.log10(np.abs(found.model.response(place) / plant.response(place))))) < 1e-5
 
 
+@pytest.mark.slow
 def test_simplest__what_stands_out_of_the_band__is_kept() -> None:
     pole, weak = -80.0 + 900.0j, -15.0 + 1500.0j
     zero = 1.01 * weak

@@ -24,7 +24,7 @@ from tools import wheel as maker
 ROOT = Path(__file__).resolve().parents[2]
 CHAIN = (
     "init --examples .",
-    "identify bench.csv --input drive --output encoder --time t --out model.json",
+    "identify bench.csv --input drive --output encoder --time t --order 2 --zeros 0 --out model.json",
     "design bench.toml --out controller.json",
     "render speech.wav --controller controller.json --out r.wav --felt felt.h5 --figures felt-figures",
     "check controller.json --json",

@@ -54,6 +54,7 @@ def designed_charts(finger: str) -> dict[str, ReportFigure]:
     return {figure.name: figure for figure in design_figures(three_finger_controller(), finger)}
 
 
+@pytest.mark.slow
 def test_texts__of_every_figure_of_a_design__stand_apart() -> None:
     for figure in (paper_chart(), default_chart(), *designed_charts("thumb").values(), *many_models().values()):
         assert_texts_apart(figure)

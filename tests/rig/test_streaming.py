@@ -143,6 +143,7 @@ def test_serial_port__board_behind_it__plays_bit_for_bit():
         assert np.array_equal(rig.play(noise(100)).command_v, wanted.command_v)
 
 
+@pytest.mark.slow
 def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself():
     with socket_board() as (url, process):
         first = BoardRig(open_rig(f"board:{url}", designed().display, 1).client, designed().display, waits=False)
@@ -152,7 +153,7 @@ def test_host__vanishes_from_a_board_in_free_run__it_rests_by_itself():
                 if count == 2:
                     break
         client = LinkClient(connect(url))
-        for pause_s in (0.5, 2.0, 8.0, 32.0, 64.0):  # a quarter of a second of its time; each question begins it anew
+        for pause_s in 0.5 * 2.0 ** np.arange(8):  # a quarter of a second of its time; each question begins it anew
             time.sleep(pause_s)
             status = client.status()
             if status.mode is Mode.FAULT:

@@ -79,6 +79,7 @@ def test_rule__nonsense__is_refused(make) -> None:
         make()
 
 
+@pytest.mark.slow
 def test_flags__of_the_witness_s_people__are_seldom_wrong_and_mostly_right() -> None:
     """A sample of `witnesses.people.flags`: seven of 100 flagged wrongly are seen."""
     for kind in ("curve", "imece2004", "quest-plus", "up-down"):  # its rates are those of what is shipped
@@ -408,6 +409,7 @@ def people(truth: np.ndarray, trials: int, seed: int) -> tuple[CurveBelief, np.n
     return runs.belief, np.array(played)
 
 
+@pytest.mark.slow
 def test_whole_curve__thresholds_that_scatter_by_3_db__are_read_without_bias() -> None:
     """A prior of smooth curves alone reads these twelve people 1.2 dB too high; the standard error is 0.12 dB."""
     truth = np.random.default_rng(2).normal(0.0, 3.0, (12, POINTS_HZ.size))

@@ -141,6 +141,7 @@ class Link(InProcess):
         self.run(2) if self.alone else super()._let_run()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coding", ["direct", "bands", "envelope"])
 def test_board__clicks_over_a_link_of_half_a_millisecond__felt_within_30_ms_and_never_dry(coding):
     link, controller = Link(), designed()

@@ -77,7 +77,7 @@ def test_live_stream__recorded_sentence__third_octaves_within_1_db_of_the_file(c
 
 
 def test_live_stream__automatic_gain__comes_to_the_level_from_quiet_and_from_loud(controller, write_sound):
-    time = np.arange(16000 * 12) / 16000
+    time = np.arange(16000 * 8) / 16000
     syllables = np.sin(2 * np.pi * 150 * time) * (time % 0.5 < 0.35)
     noise = 1e-5 * np.random.default_rng(0).standard_normal(time.size)
     for amplitude in (0.01, 0.3):
