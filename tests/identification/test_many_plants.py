@@ -70,7 +70,7 @@ def test_identify__two_hundred_outside_records__are_as_promised() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 4, 8, 12, 88, 164])
+@pytest.mark.parametrize("seed", [0, 12, 88, 164])  # of each kind, held or filtered, open or closed, one
 def test_identify__outside_record__is_as_promised(seed: int) -> None:
     one = outcome(seed, 0.4)
     assert one.order_right
