@@ -209,6 +209,14 @@ def test_link__opened_by_a_scanner_or_from_another_page__claims_nothing(make) ->
     assert [row.participant_id for row in lab.study.sessions()] == [None, None]
 
 
+def test_page__texts_of_the_protocol__have_the_direction_of_their_letters_in_any_language(make) -> None:
+    with served(build_app(make(PROTOCOL.replace("seed = 7", 'seed = 7\nlanguage = "he"')), TOKEN)) as client:
+        page = client.request("GET", "/s/token-S1", {}).text
+    assert 'dir="rtl"' in page
+    for name in ("study", "who", "text"):
+        assert f'id="{name}" dir="auto"' in page, name
+
+
 def test_claims__without_an_end__are_kept_up_to_a_bound(make, monkeypatch) -> None:
     monkeypatch.setattr(web_lab, "NOTES_MAX", 3)
     lab = make()
