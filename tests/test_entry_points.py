@@ -79,7 +79,7 @@ class Outer:
         ({"band_hz": [0.0, 1.0]}, "[outer]: band_hz.0 is 0; it must be two frequencies, 0 < low < high"),
         ({"on": 1}, "[outer]: on is 1; it must be true or false"),
         ({"kind": "c"}, """[outer]: kind is 'c'; it must be "a", "b\""""),
-        ({"lines_hz": [1.0, -1.0]}, "[outer]: lines_hz.1 is -1; it must be a list, each a number, above 0"),
+        ({"lines_hz": [1.0, -1.0]}, "[outer]: lines_hz.1 is -1; it must be a number, above 0"),
         ({"points": [1.0, "x"]}, "[outer]: points is not made of numbers; it must be a list of numbers, or a list of"),
         ({"inner": {"gain": 13.0}}, "[outer]: inner: gain is 13; it must be another"),
         ({"colour": 1}, "[outer]: colour is not a known key; it must be one of name, bits"),

@@ -158,10 +158,10 @@ class Interrupted(TactuatorError):
     exit_status = 130
 
 
-def unknown(what: str, name: str, known: Iterable[str], *, where: tuple[str, ...] = ()) -> BadInput:
+def unknown(what: str, name: object, known: Iterable[str], *, where: tuple[str, ...] = ()) -> BadInput:
     """Return the refusal of an unknown name, with the one that was likely meant, or with all."""
     names = list(known)
-    meant = likely(name, names)
+    meant = likely(name, names) if isinstance(name, str) else ""
     return BadInput(f"no {what} {name!r}{meant}", "" if meant else ", ".join(names), where=where)
 
 

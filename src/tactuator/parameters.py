@@ -206,7 +206,7 @@ def _allowed(kind: Any, marks: list[Any]) -> str:
     if origin in (Union, UnionType):
         return " or ".join(_allowed(member, marks) for member in inner if member is not NoneType)
     if origin in (tuple, list):
-        return "a list, each " + _allowed(inner[0], [])
+        return _EACH + _allowed(inner[0], [])
     name = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}.get(kind, "a table")
     return f"{name}{_bounds(marks)}"
 
@@ -228,6 +228,7 @@ def _plain(value: float) -> str:
     return str(int(value)) if value == int(value) else f"{value:g}"
 
 
+_EACH = "a list, each "
 _UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 
 
@@ -248,11 +249,17 @@ def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
     fields = _owner(cls, path)
     if fault["type"] in _UNKNOWN:
         return _unknown_key(key, fields, (title,))
+    fields = {**_owner(cls, path[:-1]), **fields}  # an entry of a list of tables is refused by what the list may be
     about = next((fields[place] for place in reversed(path) if place in fields), None)
     words = "" if about is None else allowed(about)
+    if places and isinstance(places[-1], int):
+        words = words.removeprefix(_EACH)
     if fault["type"] == "missing":
         return BadInput("missing", words, where=(title,), key=key)
-    got = f"{fault['input']:g}" if isinstance(fault["input"], float) else repr(fault["input"])
+    value = fault["input"]
+    got = f"{value:g}" if isinstance(value, float) else repr(value)
+    if not isinstance(value, str | Real | list | tuple | dict | None):
+        got = f"a {type(value).__name__}"
     return BadInput(got if len(got) < 100 else f"{got[:96]} ...", words, where=(title,), key=key)
 
 
@@ -292,7 +299,11 @@ def checked(function: F) -> F:
 
     @wraps(function)
     def guarded(*values: Any, **named: Any) -> Any:
-        given = signature.bind(*values, **named).arguments
+        try:
+            given = signature.bind(*values, **named).arguments
+        except TypeError as error:
+            strange = next((name for name in named if name not in signature.parameters), "")
+            raise TypeError(f"{title}: {error}{likely(strange, signature.parameters)}") from None
         for name, (adapter, kind, ends) in arguments().items():
             value = given.get(name)
             try:

@@ -29,6 +29,7 @@ from tactuator.perception.curve import Contact, ThresholdCurve, curve_names
 from tactuator.plain import finite
 from tactuator.result import Result
 from tactuator.signals.record import Record
+from tactuator.speech.coding import coding_of
 
 NAMES = [name for name in dir(tt) if name != "__version__"]
 FUNCTIONS = [name for name in NAMES if not hasattr(getattr(tt, name), "exit_status")]
@@ -194,7 +195,7 @@ def test_measure_and_noise__fingers_of_an_open_rig__are_the_load_or_refused(know
     finally:
         rig.finger("index").touch(None)
     assert response.load == "finger"
-    with pytest.raises(BadInput, match="channel 'ring' is not described; expected index, thumb, middle"):
+    with pytest.raises(BadInput, match="no channel 'ring'; expected index, thumb, middle"):
         tt.measure_response(rig, controller, channel=["ring"])
     display = controller.display
     heavy = [replace(channel, loads=(Load("anvil", 400.0, 0.0, 0.0),)) for channel in display.channels]
@@ -291,3 +292,23 @@ def test_curves__with_one_of_ones_own__stand_beside_each_other(tmp_path: Path, r
     listed = curves().curves
     assert tuple(curve.name for curve in listed) == curve_names()
     assert all(curve.contact.site for curve in listed)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: tt.design("x.toml", pole=8),
+            r"design: got an unexpected keyword argument 'pole' \(did you mean 'poles",
+        ),
+        (lambda: tt.design(), "design: missing a required argument: 'display'"),
+        (
+            lambda: tt.open_rig("simulatd", tt.Display(4000.0, (tt.Channel("index", 0.2, 12.5, ([1.0], [1.0, 2.0])),))),
+            r"no rig 'simulatd' \(did you mean 'simulated'\?\)",
+        ),
+        (lambda: coding_of("band"), r"no coding 'band' \(did you mean 'bands'\?\)"),
+    ],
+)
+def test_call__misspelt__names_what_was_likely_meant(call, words: str) -> None:
+    with pytest.raises((BadInput, TypeError), match=words):
+        call()

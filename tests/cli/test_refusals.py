@@ -33,8 +33,8 @@ from tests.rig.guard.guarded import designed
 REFUSALS = {
     "design none.toml": "display none.toml: file not found",
     "design wild.toml": "unstable",
-    "design lines.toml --out record.h5": "record.h5 is read as display, or by it: choose another name",
-    "design display.toml --curve record.h5 --out record.h5": "record.h5 is read as curve, or by it",
+    "design lines.toml --out record.h5": "record.h5 is the display itself, or a file that it names",
+    "design display.toml --curve record.h5 --out record.h5": "record.h5 is the curve itself, or a file",
     "firmware wordlength controller.json --rate fast": "Invalid value for '--rate': it must be a number",
     "build controller.json": "Missing option '--out'",
     "build controller.json --out none/i.bin": "none is not a folder",

@@ -169,8 +169,8 @@ def refused(page, keys):
     page.ask("take")
     good = {"coding": "direct", "level_db_sl": 30.0, "file": keys["sound"]}
     for changed, words in (
-        ({"coding": "vocoder"}, "is not known"),
-        ({"coding": "../../coding.toml"}, "is not known"),
+        ({"coding": "vocoder"}, "no coding"),
+        ({"coding": "../../coding.toml"}, "no coding"),
         ({"level_db_sl": 99.0}, "dB SL"),
         ({"file": keys["none"]}, "noise.wav"),
         ({"file": "/etc/passwd"}, "drop it again"),

@@ -111,7 +111,7 @@ def test_request__that_cannot_be_met__is_refused_in_words(live):
         ({"do": "look", "look": {"span_s": 0.0, "columns": 10}}, "span_s"),
         ({"do": "look", "look": {"span_s": 1.0, "columns": 10**6}}, "columns"),
         ({"do": "wave", "wave": loud}, "-60 to 55 dB SL"),  # by the rig itself
-        ({"do": "touch", "channel": "index", "load": "elbow"}, "'elbow' is not described"),
+        ({"do": "touch", "channel": "index", "load": "elbow"}, "no load 'elbow'"),
         ({"do": "press", "channel": "index", "force_v": 1e9}, "force_v"),
         ({"do": "save", "channel": "index", "span_s": 1.0, "end": 10**12}, "not kept any more"),
         ({"do": "controller", "source": "file", "file": "../../etc"}, "drop it again"),

@@ -118,8 +118,8 @@ def test_render__figures__are_lists_of_numbers_or_refused(rendered, state):
     speech, display = (dropped(state, EXAMPLES / name) for name in ("speech.wav", "display.toml"))
     for file, coding, words in (
         (display, "direct", "; "),
-        (speech, "nothing", "is not known"),
-        (speech, "../../secret.toml", "is not known"),
+        (speech, "nothing", "no coding"),
+        (speech, "../../secret.toml", "no coding"),
     ):
         with pytest.raises(BadInput, match=words):
             speech_view.rendered(state, display=FILE, file=file, coding=coding)

@@ -156,8 +156,8 @@ def test_parse__every_name__is_read_and_written_alike() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("mass=1", "fixed 'mass'; expected gain, pole, delay_s"),
-        ("den_s0=1", "fixed 'den_s0'; expected gain, pole, delay_s"),
+        ("mass=1", "no value to fix 'mass'; expected gain, pole, delay_s"),
+        ("den_s0=1", "no value to fix 'den_s0'"),
         ("gain", "NAME=VALUE"),
         ("gain=large", "NAME=VALUE"),
         ("pole=nan", "a finite number"),
@@ -195,7 +195,7 @@ def test_identify__fixed_value_without_its_search_or_its_phase__is_refused(tmp_p
     (tmp_path / "sheet.csv").write_text("frequency_hz,magnitude\n" + rows)
     arguments = ["identify", str(tmp_path / "sheet.csv"), "--fix", "pole=100"]
     refused(arguments, "a magnitude without phase", capsys, tmp_path)
-    refused([*arguments[:2], "--fix", "mass=1"], "fixed 'mass'; expected gain, pole, delay_s", capsys, tmp_path)
+    refused([*arguments[:2], "--fix", "mass=1"], "no value to fix 'mass'; expected gain, pole", capsys, tmp_path)
 
 
 def test_identify_verb__fixed_values__are_in_answer_table_and_model(tmp_path, capsys) -> None:

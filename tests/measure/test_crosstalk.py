@@ -112,7 +112,7 @@ def test_crosstalk__what_cannot_be_measured__is_refused() -> None:
     deaf = leaking(signal="position_v")
     deaf.without_sensor = ("thumb", "middle")
     for rig, asked, words in (
-        (leaking(), {"channel": ["ring"]}, "'ring' is not described"),
+        (leaking(), {"channel": ["ring"]}, "no channel 'ring'"),
         (leaking(), {"level_db_sl": 60.0}, "60 dB SL"),
         (ComputedRig(alone.display, Simulation(alone.display)), {"made": alone}, "'index' is the only one"),
         (deaf, {"channel": ["index"]}, "'thumb' has no sensor"),

@@ -224,9 +224,9 @@ def test_finger__touched__takes_level_at_high_frequencies(touched: Rig) -> None:
 
 
 def test_finger__of_no_channel_or_under_no_load_or_pressed_by_nothing__is_refused(touched: Rig) -> None:
-    with pytest.raises(BadInput, match="channel 'ring' is not there; expected index, thumb, middle"):
+    with pytest.raises(BadInput, match="no channel 'ring'; expected index, thumb, middle"):
         touched.finger("ring")
-    with pytest.raises(BadInput, match="load 'glove' is not described; expected none, finger"):
+    with pytest.raises(BadInput, match="no load 'glove'; expected none, finger"):
         touched.finger("index").touch("glove")
     for force in ([[0.1, 0.2]], [np.nan]):
         with pytest.raises(BadInput, match=r"\(n,\), finite volts of command"):

@@ -517,7 +517,7 @@ class StoreThresholds(Result):
         return [
             found("runs", len({threshold.run for threshold in thresholds})),
             found("subjects", len(self.results.people)),
-            found("thresholds", f"{min(levels):.1f} to {max(levels):.1f} dB SL"),
+            found("thresholds", f"{' to '.join(dict.fromkeys(f'{end(levels):.1f}' for end in (min, max)))} dB SL"),
             *([found("doubtful (flagged)", flagged)] if flagged else []),
             *([found("runs without a threshold", without)] if (without := len(self.results.not_refitted)) else []),
             *([] if group is None else [found("curve across subjects", group.curve.provenance)]),

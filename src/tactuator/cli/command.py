@@ -103,7 +103,7 @@ def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) ->
         for place in _paths(given[name]) if option.writes and not option.file else ():
             for read, path in inputs:
                 if place.is_file() and _is_same(place, path):
-                    raise BadInput(f"{name} {place} is read as {read}, or by it: choose another name")
+                    raise BadInput(f"{name} {place} is the {read} itself, or a file that it names", "another name")
 
 
 def _changed_ns(place: Path) -> int:

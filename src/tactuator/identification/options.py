@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.identification.form import MOST_POLES, Form, Known
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plant_model import PlantModel
@@ -41,7 +41,7 @@ class Fixed:
 
     def __post_init__(self) -> None:
         if self.name not in NAMES:
-            raise BadInput(f"fixed {self.name!r}", ", ".join(NAMES))
+            raise unknown("value to fix", self.name, NAMES)
         if not math.isfinite(self.value):
             raise BadInput(f"fixed {self}", "a finite number")
         if self.name == "gain" and self.value == 0.0:

@@ -191,8 +191,9 @@ def _require_travel_seen(channel: Channel, where: str) -> None:
     has_loop = channel.feedback.structure != "none"
     if has_loop and channel.quantity == "displacement" and farthest_v > channel.converter.range_v:
         raise BadInput(
-            f"{channel.sensor_gain_v_per_mm:g} V/mm, which make {farthest_v:.4g} V of travel_mm {channel.travel_mm:g}",
-            f"up to range_v {channel.converter.range_v:g} V, beyond which nothing is read",
+            f"{channel.sensor_gain_v_per_mm:g}, so the sensor puts out {farthest_v:.4g} V at the end of travel_mm "
+            f"{channel.travel_mm:g}, and the converter reads up to range_v {channel.converter.range_v:g}",
+            f"{channel.converter.range_v / channel.travel_mm:.4g} or less, or range_v {farthest_v:.4g} or more",
             where=(where,),
             key="sensor_gain_v_per_mm",
         )

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from tactuator import __version__
 from tactuator.arrays import ComplexArray, FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.model.description import Channel, Display, display_document, document_hash
 from tactuator.parameters import NotNegative, Number, Numbers, Positive, Whole, kept_by, table
 from tactuator.perception.curve import COMFORT_DB_SL
@@ -240,8 +240,7 @@ class Controller:
         for channel in self.channels:
             if channel.name == name:
                 return channel
-        allowed = ", ".join(channel.name for channel in self.channels)
-        raise BadInput(f"controller: channel {name!r} is not there", f"{allowed}")
+        raise unknown("channel", name, [channel.name for channel in self.channels], where=("controller",))
 
 
 def _require_limits(designed: ChannelController, described: Channel, comfort_db_sl: float) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ, Load, Quantity, System, motor_gain
 from tactuator.model.requirements import (
     FeedbackRequirements,
@@ -386,7 +386,10 @@ class Channel:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "finger", self.finger or self.name)
-        size = self.plant.zeros.size + self.plant.poles.size + 2
+        zeros, poles = self.plant.zeros.size, self.plant.poles.size
+        if not self.plant.is_proper:
+            raise BadInput(f"improper ({zeros} zeros, {poles} poles)", "at least as many poles", key="plant")
+        size = zeros + poles + 2
         if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
             raise BadInput(f"of {len(self.covariance)} rows", f"{size} rows of {size}", key="covariance")
         if self.models and len(self.models) != 1 + len(self.family):
@@ -432,8 +435,8 @@ class Channel:
         for load in self.loads:
             if load.name == name:
                 return load
-        allowed = ", ".join(load.name for load in self.loads) or "none is described"
-        raise BadInput(f"channel {self.name!r}: load {name!r} is not described", f"{allowed}")
+        known = [load.name for load in self.loads] or ["none is described"]
+        raise unknown("load", name, known, where=(f"channel {self.name!r}",))
 
     def loaded_plant(self, load: Load | None) -> ContinuousSystem:
         """Return the plant under `load`; for None, the plant without load."""
@@ -542,8 +545,7 @@ class Display(Result):
         for channel in self.channels:
             if channel.name == name:
                 return channel
-        allowed = ", ".join(channel.name for channel in self.channels)
-        raise BadInput(f"display: channel {name!r} is not described", f"{allowed}")
+        raise unknown("channel", name, [channel.name for channel in self.channels], where=("display",))
 
     def mains_hz(self, asked: float | None, usual: float) -> float:
         """Return the mains to keep off: what is asked for, else the lowest line of hum that a file states, else the

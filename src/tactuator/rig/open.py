@@ -7,7 +7,7 @@ the display and a seed, which returns the rig (docs/rig.md). The project's own a
 from __future__ import annotations
 
 from tactuator.entry_points import plugin, plugins
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.model.description import Display
 from tactuator.rig.board.link import LinkClient
 from tactuator.rig.board.rig import BoardRig
@@ -34,7 +34,7 @@ def open_rig(spec: str, display: Display, seed: int = 0) -> Rig:
     """
     name, _, rest = spec.partition(":")
     if name not in plugins(RIGS):
-        raise BadInput(f"rig {spec!r} is not known", f"{', '.join(plugins(RIGS))}, with what it takes behind a colon")
+        raise unknown("rig", name, plugins(RIGS))
     rig = plugin(RIGS, name)(rest, display, seed)
     if not isinstance(rig, Rig):
         raise BadInput(f"rig {spec!r} is a {type(rig).__name__}", "what has all that tactuator.rig.rig.Rig asks for")

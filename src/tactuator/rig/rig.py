@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, unknown
 from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display
 from tactuator.plain import brief
@@ -48,7 +48,7 @@ class Finger:
         Raises BadInput for a name not described.
         """
         if load not in self._loads:
-            raise BadInput(f"load {load!r} is not described", f"{', '.join(name or 'none' for name in self._loads)}")
+            raise unknown("load", load, [name or "none" for name in self._loads])
         self._put(load)
         self.load = load
 
@@ -153,7 +153,7 @@ class Trace:
     def channel(self, name: str) -> int:
         """Return the column of a channel. Raises BadInput for an unknown name."""
         if name not in self.channels:
-            raise BadInput(f"trace: channel {name!r} is not there", f"{', '.join(self.channels)}")
+            raise unknown("channel", name, self.channels, where=("trace",))
         return self.channels.index(name)
 
 
@@ -298,7 +298,7 @@ class HasFingers:
 def column_of(channel: str, channels: Sequence[str]) -> int:
     """Return the column of a channel. Raises BadInput for an unknown name."""
     if channel not in channels:
-        raise BadInput(f"channel {channel!r} is not there", ", ".join(channels))
+        raise unknown("channel", channel, channels)
     return channels.index(channel)
 
 

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, unknown, within
 from tactuator.io.atomic import write_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import parse_toml, read_text, toml_text
@@ -122,8 +122,7 @@ def coding_of(name_or_path: str) -> Coding:
         return coding
     if not name_or_path.endswith(".toml"):
         require_kind(Path(name_or_path), "coding")
-        names = ", ".join(coding_names())
-        raise BadInput(f"coding {name_or_path!r} is not known", f"{names}, or a file ending in .toml")
+        raise unknown("coding", name_or_path, [*coding_names(), "a file ending in .toml"])
     return read_coding(Path(name_or_path))
 
 

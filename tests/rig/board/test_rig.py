@@ -130,7 +130,7 @@ def test_play_tones__guard_ends_the_run__is_a_fault_and_rests(toned):
 @pytest.mark.parametrize(
     ("tones", "words"),
     [
-        ({"toe": ()}, "channel 'toe' is not there; expected index, thumb, middle"),
+        ({"toe": ()}, "no channel 'toe'; expected index, thumb, middle"),
         ({"index": (BoardTone(2000.0, 1.0, 0.0, 0.2),)}, "2000 Hz; expected below 2000 Hz on this board"),
         ({"index": (BoardTone(20.0, 1.0, 0.0, 0.2),) * (TONES_MAX + 1)}, "9 tones on channel 'index'"),
     ],

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, DeviceFault, TimingMissed
+from tactuator.errors import BadInput, DeviceFault, TimingMissed, unknown
 from tactuator.rig.board.link import LinkClient, Mode, TraceRows
 from tactuator.rig.rig import Finger, anybody_feels, let_feel, take_forces
 from tactuator.runtime._core import lib
@@ -238,9 +238,9 @@ def stimulus_payloads(
     tones: Mapping[str, Sequence[BoardTone]], channels: Sequence[str], rate_hz: float, first: int
 ) -> list[bytes]:
     """Return a payload for every channel, silent ones too. Raises BadInput: unknown channel, or too many tones."""
-    unknown = sorted(set(tones) - set(channels))
-    if unknown:
-        raise BadInput(f"channel {unknown[0]!r} is not there", f"{', '.join(channels)}")
+    strange = sorted(set(tones) - set(channels))
+    if strange:
+        raise unknown("channel", strange[0], channels)
     payloads = []
     for index, name in enumerate(channels):
         mine = tones.get(name, ())
