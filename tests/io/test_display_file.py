@@ -90,7 +90,11 @@ def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Pat
         ("rate_hz = 4000", "rate_hz = 4,000", r"line \d+, column 12: Expected newline"),
         ("rate_hz = 4000", 'rate_hz = "4000"', r"\[display\]: rate_hz is '4000'; it must be a number"),
         ("rate_hz = 4000", "rate_hz = 1e9", "rate_hz is 1e[+]09; it must be a number, above 0, up to 1000000"),
-        ("0.19898", "198.98", "puts out 2487 V at the end of travel_mm 12.5, .* range_v 10; it must be 0.8 or less, or ra"),
+        (
+            "0.19898",
+            "198.98",
+            "puts out 2487 V at the end of travel_mm 12.5, .* range_v 10; it must be 0.8 or less, or ra",
+        ),
         ("rate_hz = 4000", "", r"\[display\]: rate_hz is missing"),
         ("0.19898", "-0.19898", "sensor_gain_v_per_mm is -0.19898; it must be a number, above 0"),
         ("travel_mm = 12.5", "travel_mm = 12.5\ncolour = 1", "colour is not a known key"),
