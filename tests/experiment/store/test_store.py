@@ -345,15 +345,25 @@ def test_open_store__opened_and_closed_again_by_the_same_program__keeps_its_log(
             assert other.execute("SELECT count(*) FROM response").fetchone() == (1,)
 
 
-def test_store__under_two_names__is_refused(tmp_path, clock) -> None:
-    with opened_store(tmp_path / "lab.db") as store:
+@pytest.mark.parametrize("end", ["", "-wal", "-shm"])
+@pytest.mark.parametrize("planted", ["hard link", "pipe"])
+def test_store__of_two_names_or_beside_a_planted_log__is_refused_and_the_other_file_stays(
+    tmp_path, clock, end, planted
+) -> None:
+    path, other = tmp_path / "lab.db", tmp_path / "other"
+    with opened_store(path) as store:
         opened_study(store, clock)
-    (tmp_path / "other.db").hardlink_to(tmp_path / "lab.db")
-    for name in ("lab.db", "other.db"):
-        with pytest.raises(BadInput, match=rf"{name} has another name \(a hard link\)"):
-            Store(tmp_path / name)
-    (tmp_path / "other.db").unlink()
-    Store(tmp_path / "lab.db", must_exist=True).close()
+    file = Path(f"{path}{end}")
+    file.rename(other) if end == "" else other.write_bytes(b"precious")
+    content = other.read_bytes()
+    os.mkfifo(file) if planted == "pipe" else file.hardlink_to(other)
+    with pytest.raises(BadInput, match=rf"{file.name} is a link"):
+        Store(path)
+    assert other.read_bytes() == content
+    file.unlink()
+    if end == "":
+        other.rename(path)
+    Store(path, must_exist=True).close()
 
 
 @pytest.mark.parametrize("planted", ["link", "hard link", "pipe"])

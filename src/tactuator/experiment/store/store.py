@@ -195,6 +195,8 @@ class Store:
         self.is_file = not is_server(place)
         self.path = Path(place)
         self._log = Path(f"{os.path.realpath(place)}-wal")  # SQLite has it beside the file, whatever links to it
+        if self.is_file and self._is_writable():
+            self._refuse_links()
         self._inode = _inode(self.path) if self.is_file else None
         self._open_here = self._inode is not None and any(store._inode == self._inode for store in list(_OPEN))
         self._had_log = self.is_file and not self._open_here and self._log_belongs(_mark_of(self._header()))
@@ -233,17 +235,29 @@ class Store:
         if not self.path.exists():
             with suppress(OSError):  # SQLite reports why it cannot be made
                 os.close(os.open(self.path, os.O_CREAT | os.O_CLOEXEC, _PRIVATE))
-        if not os.access(self.path, os.W_OK) or not os.access(self.path.parent, os.W_OK):
+        if not self._is_writable():
             return self._read_only()
-        if self.path.stat().st_nlink > 1:
-            got = f"store {self.path} has another name (a hard link), under which its log would not be found"
-            raise BadInput(got, "a file of one name: the other removed, or a copy")
         if not self._open_here:  # else it was looked at when it was opened
             self._refuse_old_log()
         engine = create_engine(f"sqlite:///{self.path}", connect_args={"check_same_thread": False})
         event.listen(engine, "connect", _prepare if durable else _prepare_throwaway)
         event.listen(engine, "begin", _begin_in_file)
         return engine
+
+    def _is_writable(self) -> bool:
+        return os.access(self.path, os.W_OK) and os.access(self.path.parent, os.W_OK)
+
+    def _refuse_links(self) -> None:
+        """Refuse files of two names: SQLite finds a log by the store's, and what it writes would land elsewhere."""
+        store = Path(os.path.realpath(self.path))
+        for path in (store, self._log, Path(f"{store}-shm")):
+            with suppress(FileNotFoundError):
+                status = path.lstat()
+                if stat.S_ISDIR(status.st_mode):
+                    continue
+                if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
+                    got = f"store {self.path}: {path.name} is a link, or a file of two names (a hard link), or a device"
+                    raise BadInput(got, "a file of one name: the other removed, or a copy")
 
     def _read_only(self) -> Engine:
         """Return an engine that makes no file beside the store, as SQLite does otherwise for its log."""
