@@ -5,9 +5,9 @@ TACTUATOR_RIG names one more (docs/rig.md). A rig without finger ports is asked 
 The simulated rig: the protocol, its blindness, and its finger ports.
 """
 
-import time
 from dataclasses import fields, replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from tactuator.measure.options import MeasurementOptions
 from tactuator.measure.response import multisine_response
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
+from tactuator.rig import simulated
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.rig import Rig, Trace, join_traces
 from tactuator.rig.simulated import PacedRig, SimulatedRig
@@ -300,16 +301,24 @@ def test_paced_rig__stream__is_the_stream_of_the_rig_below():
     assert len(positions[0]) == 1000
 
 
-def test_paced_rig__stream_held_up__stands_still_and_does_not_hurry_after():
+@pytest.mark.parametrize(("held_up_s", "lasts_s"), [(0.02, 0.2), (0.1, 0.298)])
+def test_paced_rig__stream_held_up__catches_up_within_a_cards_lead_and_does_not_hurry_after_more(
+    monkeypatch, held_up_s, lasts_s
+):
+    clock = SimpleNamespace(now_s=0.0, monotonic=lambda: clock.now_s, sleep=lambda s: later(s))
+
+    def later(seconds):
+        clock.now_s += seconds
+
     def held_up():
         for number in range(10):
-            time.sleep(0.1 if number == 1 else 0.0)
+            later(held_up_s if number == 1 else 0.0)
             yield np.zeros((80, 3))
 
-    began_s = time.monotonic()
+    monkeypatch.setattr(simulated, "time", clock)
     joined = join_traces(PacedRig(loaded_rig(1)).stream(held_up()), 4000.0, ("index", "thumb", "middle"))
     assert len(joined) == 800
-    assert time.monotonic() - began_s >= 0.2 + 0.1 - 0.02
+    assert clock.now_s == pytest.approx(lasts_s, abs=0.001)
 
 
 def test_paced_rig__rest_in_a_tone__is_silent_soon():
