@@ -3,8 +3,9 @@
 `tactuator listen` runs as a user runs it, over a socket, on a board in this process whose time goes on: the core's
 board with its simulated display, one period at each 0.25 ms of the wall clock. Every period's command at the motors
 and displacement at the finger ports is kept, with the time; the kill (SIGKILL) comes while the command is at a third
-of its greatest or more. Run: python -m witnesses.live.killed CONTROLLER SOUND [TIMES]. Seen to fail: a board that
-takes any byte for a sign of its host (`--hears`).
+of its greatest or more; with `--ctrl-c` it is SIGINT, with `--lost` the board's link that ends. Run: python -m
+witnesses.live.killed CONTROLLER SOUND [TIMES], at real-time priority (chrt -r 2) on a busy machine. Seen to fail: a
+board to which nothing is silence (`--hears`).
 """
 
 import os
@@ -41,7 +42,7 @@ class Board:
         self._server = socket.create_server(("127.0.0.1", 0))
         self.port = self._server.getsockname()[1]
         self.rows: list[tuple[float, ...]] = []
-        self.ends = False
+        self.ends = self.lost = False
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
@@ -51,11 +52,11 @@ class Board:
         answer, states = ffi.new("uint8_t[]", 1 << 16), [self._inside.simulated.state[k] for k in range(CHANNELS)]
         began_s, ticks = time.monotonic(), 0
         while not self.ends:
+            if self.lost:
+                taken.close()
             try:
                 content = taken.recv(1 << 16)
-            except BlockingIOError:
-                content = b""
-            except OSError:
+            except OSError:  # nothing has come, or the other end has gone
                 content = b""
             if content:
                 size = lib.tact_link_serve(self._inside.link, content, len(content), answer, 1 << 16)
@@ -94,7 +95,10 @@ def killed(controller_path: Path, sound: Path, seconds: float, hears: bool) -> t
     most = max(abs(row[1]) for row in board.rows)
     while abs(board.rows[-1][1]) < most / 3.0 and time.monotonic() < end:
         time.sleep(0.0001)
-    os.kill(program.pid, signal.SIGKILL)
+    if "--lost" in sys.argv:
+        board.lost = True
+    else:
+        os.kill(program.pid, signal.SIGINT if "--ctrl-c" in sys.argv else signal.SIGKILL)
     at_s = time.monotonic()
     program.wait()
     time.sleep(WATCHED_S)
@@ -109,13 +113,13 @@ def killed(controller_path: Path, sound: Path, seconds: float, hears: bool) -> t
 
 
 def main() -> int:
-    asked = [each for each in sys.argv[1:] if each != "--hears"]
+    asked = [each for each in sys.argv[1:] if not each.startswith("--")]
     times, worst = int(asked[2]) if len(asked) > 2 else 5, 0.0
     for number in range(times):
         found = killed(Path(asked[0]), Path(asked[1]), 1.0 + 0.37 * number, "--hears" in sys.argv)
         command_s, felt_s, before_db, after_db = found
         print(
-            f"command ends {1e3 * command_s:.0f} ms after the kill, felt until {1e3 * felt_s:.0f} ms; "
+            f"command ends {1e3 * command_s:.0f} ms after it, felt until {1e3 * felt_s:.0f} ms; "
             f"felt before {before_db:.1f} dB SL, after at most {after_db:.1f} dB SL", flush=True,
         )  # fmt: skip
         worst = max(worst, command_s, 0.0 if after_db <= COMFORT_DB else np.inf, 0.0 if before_db > 20.0 else np.inf)
