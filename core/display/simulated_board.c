@@ -56,7 +56,8 @@ static void read_channel(tact_reader *reader, tact_display *table, tact_plant *p
     const int32_t bits = integer(reader, 8, 24);
     const int32_t polarity = integer(reader, -1, 1);
     const double range_v = number(reader), offset_v = number(reader);
-    if (reader->overrun || range_v <= 0.0 || polarity == 0) {
+    /* as in a safety table: a range near zero has no finite steps per volt */
+    if (reader->overrun || range_v < 1e-3 || range_v > 31.0 || offset_v < -31.0 || offset_v > 31.0 || polarity == 0) {
         reader->overrun = 1;
         return;
     }

@@ -74,6 +74,10 @@ def conversations() -> dict[str, bytes]:
         simulated = upload(link.SIMULATED_DISPLAY, simulated_board_bytes(of, 1))
         trace = frame(Request.TRACE, struct.pack("<IIHB", 1, 0, 64, 1)) + frame(Request.WEIGHTS)
         image = upload(IMAGE, build_image(controller(of)))
+        whole = simulated_board_bytes(of, 1)
+        for range_v in (1e-310, 1e-40, 1e300):  # of the converter, whose steps per volt are no finite number then
+            odd = whole[:24] + struct.pack("<d", range_v) + whole[32:]
+            seeds[f"range-{range_v}-{count}"] = safety + upload(link.SIMULATED_DISPLAY, odd) + arm
         ready = safety + image + simulated + arm
         rows = b"".join(stream(1, at, count) for at in range(0, 64, min(_ROWS, (_PIECE - 11) // (4 * count))))
         seeds[f"stream-{count}"] = ready + frame(Request.START, start.pack(1, STREAM, 0, 1)) + rows + trace + stop * 30
