@@ -138,8 +138,14 @@ _INTEGRATION = (
 
 #: Whose tests `make quick` runs, where they import nothing from above: of every lower room what needs least time.
 _QUICK = (
-    *("io/", "measure/", "perception/", "runtime/", "signals/", "speech/test_clips", "speech/test_re", "test_"),
-    *("identification/test_calibration", "identification/test_recursive", "identification/test_distortion"),
+    *("measure/", "perception/", "runtime/", "signals/test_excitation", "speech/test_re", "test_"),
+    *(
+        "identification/test_recursive",
+        "identification/test_distortion",
+        "io/test_load",
+        "io/test_record",
+        "io/test_st",
+    ),
     *("model/test_description", "synthesis/test_monte_carlo", "wordlength/test_bits"),
 )
 _ABOVE = re.compile(r"tactuator\.(cli|console|web|paper|api|report|experiment|rig)\b|^import tactuator", re.MULTILINE)
