@@ -138,16 +138,10 @@ _INTEGRATION = (
 
 #: Whose tests `make quick` runs, where they import nothing from above: of every lower room what needs least time.
 _QUICK = (
-    *("measure/", "perception/", "runtime/", "signals/test_excitation", "speech/test_re", "test_"),
-    *(
-        "identification/test_recursive",
-        "identification/test_distortion",
-        "io/test_load",
-        "io/test_record",
-        "io/test_st",
-    ),
-    *("model/test_description", "synthesis/test_monte_carlo", "wordlength/test_bits"),
-)
+    "identification/test_recursive", "identification/test_distortion", "io/test_load", "io/test_record", "io/test_st",
+    "measure/", "model/test_description", "perception/", "runtime/", "signals/test_excitation", "speech/test_re",
+    "synthesis/test_monte_carlo", "wordlength/test_bits", "test_",
+)  # fmt: skip
 _ABOVE = re.compile(r"tactuator\.(cli|console|web|paper|api|report|experiment|rig)\b|^import tactuator", re.MULTILINE)
 
 
