@@ -1,6 +1,7 @@
 """The loop's handles in a real Chromium, by keyboard: changed, undone, kept, refused; and a page without its token."""
 
 import json
+import threading
 from urllib.parse import parse_qs
 
 import pytest
@@ -121,3 +122,14 @@ def test_page__with_another_token__says_which_address_to_open(browser, tmp_path)
         opened.wait_for_selector("body[data-ready=display] h1")
         assert made.locator("#banner").is_hidden()
         tabs.close()
+
+
+def test_view__behind_a_long_request__has_its_title_while_it_waits(page, monkeypatch):
+    held, opened = threading.Event(), ConsoleState.open
+    monkeypatch.setattr(ConsoleState, "open", lambda *given: held.wait(60.0) and opened(*given))
+    page.locator("#to-loop").click()
+    page.wait_for_selector("#view h1:text-is('Loop') + p:text-is('Waiting for the server.')")
+    assert page.locator(".cards").count() == 0
+    held.set()
+    page.wait_for_selector("body[data-ready=loop]")
+    assert page.locator("text=Waiting for the server.").count() == 0

@@ -6,6 +6,7 @@ import { leftRig, stopRig } from "./rig.js";
 
 const LOST = "The server does not answer. What is in this page is still here; it goes on when the server is back.";
 const REFUSED = "This address has no valid token. Open the address that the command printed.";
+const LEFTOVER_MS = 300; // what the view before drew is shown so long at most, where the next one has to wait
 let shown = null, ready = false, about = null, renewed = false, routes = 0;
 const remembered = {}; // of each view that was left, its part of the address
 const shapesOf = {}; // of each display, the loops that were shaped: links from the start page and addresses typed anew do not bear them
@@ -71,6 +72,12 @@ async function route() {
     if (!(state.view in views) || (views[state.view].of_display && !state.display)) state.view = "start";
     names.file = about.file;
     navigation(state);
+    // a request of the view that was left may take long, and the next one's waits for its answer
+    const leftover = view.firstChild;
+    setTimeout(() => {
+      if (number !== routes || !leftover || view.firstChild !== leftover) return;
+      view.replaceChildren(make("h1", {}, views[state.view].title), make("p", {}, "Waiting for the server."));
+    }, LEFTOVER_MS);
     const { default: View } = await import(`./${state.view}.js`); // when it is opened first
     if (number !== routes) return;
     shown = new View(view, link, state);
