@@ -1,13 +1,14 @@
 """A board whose answers are spoilt, or are another board's: the host says so in one line, and comes to an end."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tactuator.errors import TactuatorError
 from tactuator.model.controller import Controller
-from tactuator.rig.board.link import Frame, FrameReader, LinkClient, Request, frame_bytes
+from tactuator.rig.board.link import Frame, FrameReader, LinkClient, LinkGarbled, Request, Status, frame_bytes
 from tactuator.rig.board.rig import BoardRig
 from tactuator.rig.transport import InProcess
 
@@ -95,3 +96,23 @@ def test_board__whose_answers_are_altered__is_told_of_in_one_line(controller, co
     assert found.total() > count // 100
     assert len(found) >= 3
     assert found["too long"] == 0
+
+
+class LastTick(LinkClient):
+    """The link of a board that says it is at the last tick that it can count."""
+
+    at_last = False
+
+    def status(self) -> Status:
+        return replace(super().status(), tick=0xFFFFFFFF) if self.at_last else super().status()
+
+
+def test_board__whose_time_goes_on_and_is_at_the_last_tick__is_told_of_and_comes_to_rest(controller) -> None:
+    client = LastTick(InProcess())
+    rig = BoardRig(client, controller.display, sleep=lambda seconds: None, waits=False)
+    rig.simulate()
+    rig.load(controller)
+    client.at_last = True
+    with pytest.raises(LinkGarbled):
+        rig.play(np.zeros((200, len(controller.channels))))
+    assert client.status().at_rest

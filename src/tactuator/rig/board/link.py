@@ -400,15 +400,15 @@ class LinkClient:
         both = rows if forces is None else np.concatenate([rows, forces], axis=1)
         most = (PAYLOAD_MAX - 11) // (4 * both.shape[1])
         part = both[:most].astype("<f4")
-        head = struct.pack("<IIHB", run, first, part.shape[0], forces is not None)
-        with understood(Request.STREAM):
+        with understood(Request.STREAM):  # `first` follows from what the board said of itself
+            head = struct.pack("<IIHB", run, first, part.shape[0], forces is not None)
             end, tick = struct.unpack("<II", self.must(Request.STREAM, head + part.tobytes()))
         return end, tick
 
     def trace(self, run: int, first: int, count: int, channels: int, felt: bool) -> TraceRows:
         """Return the rows that the board has from `first` on, at most `count`."""
-        answer = self.must(Request.TRACE, struct.pack("<IIHB", run, first, min(count, 0xFFFF), felt))
         with understood(Request.TRACE):
+            answer = self.must(Request.TRACE, struct.pack("<IIHB", run, first, min(count, 0xFFFF), felt))
             begun, rows = struct.unpack_from("<IH", answer)
             table = np.frombuffer(answer, dtype="<i4", offset=6).reshape(rows, channels * (3 if felt else 2))
         if begun != first or rows > count:
