@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,7 +15,7 @@ import numpy as np
 
 from tactuator.console.levels import ChannelLevel, Levels
 from tactuator.console.rig_calls import Points, Presented, RigStatus
-from tactuator.console.rig_worker import hold_rig
+from tactuator.console.rig_worker import SWITCH_S, hold_rig
 from tactuator.console.scope import KEPT_S, ScopeSamples
 from tactuator.errors import BadInput, DeviceFault
 from tactuator.model.description import Display
@@ -57,6 +58,7 @@ class RigProcess:
         """Begin the process and wait until the rig is open. Raises BadInput with its reason where it cannot be, and
         DeviceFault where a device is the reason.
         """
+        sys.setswitchinterval(SWITCH_S)  # for the thread that passes a stop on
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=hold_rig, args=(theirs, self.spec, self.display, self.seed))

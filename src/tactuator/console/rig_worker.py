@@ -51,7 +51,7 @@ _GUARD_S = 0.5
 _PATIENCE_S = 5.0
 """Time for the rig to come to rest after the server has gone; then the process ends without it."""
 _LAST_S = 1.0
-_SWITCH_S = 0.001
+SWITCH_S = 0.001
 """Longest time for which what computes keeps a call from being taken: a stop is one."""
 _WHILE_LIVE = ("generate", "mute", "touch", "press")
 """Calls that are served while samples flow."""
@@ -59,7 +59,7 @@ _WHILE_LIVE = ("generate", "mute", "touch", "press")
 
 def hold_rig(pipe: Connection, spec: str, display: Display, seed: int) -> None:
     """Hold the rig of that name with `display`, and obey the calls that come through the pipe until it ends."""
-    sys.setswitchinterval(_SWITCH_S)
+    sys.setswitchinterval(SWITCH_S)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which then ends the pipe
     sender = Sender(pipe)
     worker = RigWorker(spec, display, seed, sender.tell)
