@@ -157,6 +157,16 @@ def test_listen_request__file__blocks_come_and_stop_ends_it(console, long):
         page.ask("give")
 
 
+def test_rest_request__from_a_page_that_watches__ends_live_sound_without_an_answer(console, long):
+    with loaded(console) as page:
+        page.ask("take")
+        page.ask("listen", settings={"coding": "direct", "level_db_sl": 30.0, "file": dropped(console.state, long)})
+        page.until(lambda: page.standing["mode"] == "listening")
+        page.ask("give")
+        page.socket.send('{"id": 0, "do": "rest"}')
+        page.until(lambda: page.standing["mode"] == "idle")
+
+
 def test_listen_request__that_cannot_be_met__refused_in_a_sentence(console, tmp_path):
     (tmp_path / "noise.wav").write_bytes(b"no sound")
     keys = {name: dropped(console.state, path) for name, path in
