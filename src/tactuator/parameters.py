@@ -350,4 +350,4 @@ def _argument(hint: Any, limits: Sequence[Any] = ()) -> Any:
     if hint in _LEAVES:
         return reduce(lambda kind, limit: Annotated[kind, limit], limits if hint in (int, float) else (), _LEAVES[hint])
     kind = origin or hint
-    return Annotated[kind, InstanceOf(), Wording(f"a {kind.__name__}")]  # type: ignore[type-arg]
+    return Annotated[kind, InstanceOf(), Wording(getattr(kind, "in_words", f"a {kind.__name__}"))]  # type: ignore[type-arg]

@@ -2,16 +2,19 @@
 
 import dataclasses
 import html
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, visible
 from tactuator.plain import finite
 
 _LONGEST = 499
+_LINES = 10
+"""A summary has no more."""
 FREQUENCY = "frequency (Hz)"
 NOBODY_FELT_IT = "simulated: nobody felt this"
 """What a table or figure of simulated subjects says in itself."""
@@ -257,10 +260,19 @@ class Result:
         # matplotlib takes a second to load, and only `report` draws
         return import_module("tactuator.report.chart").draw(self.chart(), ax)
 
+    def summary_lines(self, written: Sequence[str] = (), width: int = 80, more: str = "to_dict()") -> list[str]:
+        """Return at most ten lines: what was found, what to do next, what was `written`; more: where the rest is."""
+        step = self.next_step()
+        last = _wrapped([*([f"next: {step}"] if step else []), *written], width)
+        lines = _wrapped([f"{words}: {text}" for words, text in self.headline().items()], width)
+        room = _LINES - len(last)
+        return [*(lines if len(lines) <= room else [*lines[: room - 1], f"more: {more}"]), *last]
+
     def __repr__(self) -> str:
         return in_a_line(_name(self), self.headline())
 
-    __str__ = __repr__
+    def __str__(self) -> str:
+        return "\n".join(self.summary_lines())
 
     def _repr_html_(self) -> str:
         rows = "".join(
@@ -274,6 +286,17 @@ def in_a_line(kind: str, figures: Mapping[str, str]) -> str:
     """Return figures by their words in a line of under 500 characters."""
     whole = f"<{kind} {', '.join(f'{words}: {text}' for words, text in figures.items())}>"
     return whole if len(whole) <= _LONGEST else f"{whole[: _LONGEST - 5]} ...>"
+
+
+def _wrapped(texts: Sequence[str], width: int) -> list[str]:
+    """Return texts as lines of a width, broken between words; a path is never broken."""
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(
+            visible(text), width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+    ]
 
 
 def _name(result: Result) -> str:

@@ -31,7 +31,7 @@ from tactuator.cli.command import command_of
 from tactuator.cli.commands import COMMANDS as TABLE
 from tactuator.cli.commands import FIRST, Command, top_commands
 from tactuator.cli.main import build_app
-from tactuator.cli.output import Bars, answer, drawn, summary
+from tactuator.cli.output import Bars, answer, drawn
 from tactuator.entry_points import plugins
 from tactuator.errors import BadInput
 from tactuator.io.shipped import EXAMPLES
@@ -177,7 +177,7 @@ def test_long_work__where_no_terminal_is__writes_a_line_now_and_then(capsys, mon
 
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_summary__of_many_channels__has_ten_lines_no_wider_than_the_terminal(width: int) -> None:
-    lines = summary(Long(), ["written: controller.json"], width)
+    lines = Long().summary_lines(["written: controller.json"], width, "--full")
     assert len(lines) == 10
     assert max(map(len, lines)) <= width
     assert lines[-3:] == ["more: --full", "next: tactuator build", "written: controller.json"]

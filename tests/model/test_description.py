@@ -194,7 +194,7 @@ def test_channel__made_by_hand__has_the_plant_and_a_file_s_defaults(plant: objec
             "'model.json'; it must be `{ num, den }` or `{ zeros, poles, gain }`; a display file names",
         ),
         (([0.0], [1.0, 1.0]), ": num is zero; it must be a polynomial"),
-        (object(), "a object; it must be a linear system of python-control or scipy.signal"),
+        (object(), "of type object; it must be a linear system of python-control or scipy.signal"),
     ],
     ids=["sampled", "two by two", "no period", "rounded zeros", "text", "path", "zero", "object"],
 )

@@ -3,7 +3,6 @@
 import json
 import re
 import sys
-import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import count
@@ -21,9 +20,6 @@ from tactuator.errors import visible
 from tactuator.plain import finite
 from tactuator.result import Result, ResultTable
 
-LINES = 10
-"""A summary has no more."""
-
 
 def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] = ()) -> None:
     """Print `result` and the files that were written: as exactly one JSON object, as its tables, or as a summary.
@@ -39,7 +35,7 @@ def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] 
     console = Console(file=sys.stdout, markup=False, highlight=False)
     places = [f"written: {path}" for path in written]
     if not full:
-        console.print(*summary(result, places, console.width), sep="\n", soft_wrap=True)
+        console.print(*result.summary_lines(places, console.width, "--full"), sep="\n", soft_wrap=True)
         return
     parts = result.all_tables()
     shown = [
@@ -47,26 +43,6 @@ def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] 
         for part in parts
     ]
     console.print(*shown, *map(visible, places), sep="\n")
-
-
-def summary(result: Result, places: Sequence[str], width: int) -> list[str]:
-    """Return at most ten lines: what was found, what to do next, and what was written."""
-    step = result.next_step()
-    last = _wrapped([*([f"next: {step}"] if step else []), *places], width)
-    lines = _wrapped([f"{words}: {text}" for words, text in result.headline().items()], width)
-    room = LINES - len(last)
-    return [*(lines if len(lines) <= room else [*lines[: room - 1], "more: --full"]), *last]
-
-
-def _wrapped(texts: Sequence[str], width: int) -> list[str]:
-    """Return texts as lines of a width, broken between words; a path is never broken."""
-    return [
-        line
-        for text in texts
-        for line in textwrap.wrap(
-            visible(text), width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-        )
-    ]
 
 
 def drawn(content: ResultTable, console: Console) -> Table:

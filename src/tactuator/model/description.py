@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import field
 from functools import partial
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -505,6 +505,8 @@ class Display(Result):
     objectives: Objectives = field(default_factory=Objectives)
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)
+
+    in_words: ClassVar[str] = "a Display (of a plant: tt.Display(rate_hz, [tt.Channel(..., plant=plant)]))"
 
     __repr__ = Result.__repr__
 

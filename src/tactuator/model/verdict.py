@@ -39,8 +39,8 @@ _DECIDED: Mapping[str, tuple[str, ...]] = {
     "friction_v": (AT_LOWEST, FELT_HUM), "presliding_v": (AT_LOWEST,),
 }  # fmt: skip
 """Quantities that a key of the display file decides, beside the gain of the sensor and the loads."""
-AS_IN_TEMPLATE = "as in the template (CHANGE THIS): what this decides is not judged"
-"""What is said of keys that still have the template's value."""
+AS_IN_TEMPLATE = "as in the template; what this decides is not judged until you set it and delete CHANGE THIS"
+"""What is said of keys whose line still says so."""
 OF_THE_LOOP = ("i", "ii", "iii", "iv")
 """Objectives that a closed loop has to be stable for."""
 

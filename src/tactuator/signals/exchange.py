@@ -58,7 +58,7 @@ def from_control(system: Any) -> System:
     elif hasattr(system, "ninputs") and hasattr(system, "poles"):
         counts, period = (system.ninputs, system.noutputs), system.dt
     else:
-        raise BadInput(f"a {type(system).__name__}", "a linear system of python-control or scipy.signal")
+        raise BadInput(f"of type {type(system).__name__}", "a linear system of python-control or scipy.signal")
     if counts != (1, 1):
         raise BadInput(f"{counts[0]} inputs and {counts[1]} outputs", "one of each")
     if period is None or period is True:

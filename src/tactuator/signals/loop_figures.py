@@ -21,6 +21,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.result import Fact, Result
 from tactuator.signals.loop import FeedbackLoop, System, closed_poles
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
@@ -150,7 +151,7 @@ class DiskMargin:
 
 
 @dataclass(frozen=True)
-class Margins:
+class Margins(Result):
     """Margins of a stable loop.
 
     crossover_hz: where |L| = 1 with the smallest phase margin (nan if it never is). phase_margin_deg: inf then.
@@ -203,13 +204,18 @@ class Margins:
         """Return the peak of the complementary sensitivity, max |T|."""
         return self.complementary.value
 
-    def __str__(self) -> str:
-        return (
-            f"crossover {self.crossover_hz:.2f} Hz, phase margin {self.phase_margin_deg:.2f} deg, "
-            f"gain margin {self.gain_margin_db:.1f} dB, max|S| {self.sensitivity_peak:.3f} "
-            f"at {self.sensitivity.frequency_hz:.1f} Hz, max|T| {self.complementary_peak:.3f}, "
-            f"disk margin {self.disk.alpha:.3f} at {self.disk.frequency_hz:.1f} Hz"
-        )
+    def facts(self) -> list[Fact]:
+        """Return the figures."""
+        return [
+            Fact("crossover_hz", self.crossover_hz, "crossover", "Hz", ".2f", True),
+            Fact("phase_margin_deg", self.phase_margin_deg, "phase margin", "deg", ".2f", True),
+            Fact("gain_margin_db", self.gain_margin_db, "gain margin", "dB", ".1f", True),
+            Fact("sensitivity_peak", self.sensitivity_peak, "max|S|", "", ".3f", True),
+            Fact("sensitivity_peak_hz", self.sensitivity.frequency_hz, "max|S| at", "Hz", ".1f", True),
+            Fact("complementary_peak", self.complementary_peak, "max|T|", "", ".3f", True),
+            Fact("disk_margin", self.disk.alpha, "disk margin", "", ".3f", True),
+            Fact("disk_margin_hz", self.disk.frequency_hz, "disk margin at", "Hz", ".1f", True),
+        ]
 
 
 @lru_cache(maxsize=512)
