@@ -4,6 +4,7 @@ characters in what is printed, links in the place of a lock."""
 import asyncio
 import io
 import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from unittest.mock import AsyncMock
 
@@ -104,7 +105,8 @@ def test_terminal__text_of_a_protocol_or_a_name__can_neither_command_it_nor_be_t
         server = PageServer(uvicorn.Config(FastAPI()))
         server.said = [text]
         monkeypatch.setattr(uvicorn.Server, "startup", AsyncMock())
-        asyncio.run(server.startup())
+        with ThreadPoolExecutor(1) as other:  # a browser's test may have left its loop in this thread
+            other.submit(asyncio.run, server.startup()).result()
     elif shows in ("bar", "line"):
         monkeypatch.setattr(output, "EVERY_S", 0.01)
         with output.Bars()(text, 1.0) as step:

@@ -304,7 +304,6 @@ def test_quantity__velocity_without_a_zero_at_rest__is_integrated() -> None:
 
 
 REFUSED_PLANTS = [
-    ([-1.0, -2.0], [-3.0], 0.0, 1, "2 zeros and 1 poles; expected no more zeros than poles"),
     ([], -np.arange(1.0, 10.0), 0.0, 1, "order 9 here; expected 1 to 8"),
     ([-5.0], [-3.0], 0.0, 0, "answers at once and delay_samples is 0"),
     ([], [-3.0], 0.1, 1, "dead time is 400 samples; expected below 256"),

@@ -144,7 +144,9 @@ def test_coding_file__amiss__refused_in_one_line(tmp_path, name, key, change, wo
 
 
 def test_coding_of__unknown_name_or_no_file__refused(tmp_path):
-    with pytest.raises(BadInput, match="not known; expected direct, bands, bratakos-2001, envelope, yuan-2005, or"):
+    with pytest.raises(
+        BadInput, match="no coding 'vocoder'; expected direct, bands, bratakos-2001, envelope, yuan-2005, a file"
+    ):
         coding_of("vocoder")
     with pytest.raises(BadInput, match="file not found"):
         coding_of(str(tmp_path / "none.toml"))

@@ -148,7 +148,7 @@ def without_loop() -> Controller:
     ("made", "asked", "said"),
     [
         (controller(display()), {"seconds": 26.0}, "27 s or more"),
-        (controller(display()), {"channels": ("toe",)}, "'toe' is not there"),
+        (controller(display()), {"channels": ("toe",)}, "no channel 'toe'"),
         (controller(display()), {"level_db_sl": -9e18}, "-60 to 55 dB SL"),
         (without_loop(), {}, "no loop"),
     ],
