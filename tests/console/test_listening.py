@@ -196,5 +196,5 @@ def refused(page, keys):
     page.ask("listen", settings={**good, "file": "", "microphone": "/etc/passwd.wav"})  # a name, never a file
     page.until(lambda: any("refused" in each for each in page.others))
     said = next(each["refused"] for each in page.others if "refused" in each)
-    assert "microphone" in said or "sound card" in said
+    assert any(words in said for words in ("microphone", "sound card", "PortAudio"))  # by what the machine has
     page.ask("give")
