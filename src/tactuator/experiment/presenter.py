@@ -1,4 +1,4 @@
-"""Presents the intervals of a trial on a rig as one stretch, reads back what the sensor saw and when, and tells other
+"""Presents the intervals of a trial on a rig as one stretch, reads back what the sensor saw and when, and informs other
 recorders in the room by Lab Streaming Layer (the extra `lsl`).
 
 Two streams carry the same events with the same time stamps: one names them, the other has their numbers. They are

@@ -31,8 +31,8 @@ class Distortion:
 
     frequency_hz; value: the best linear approximation; noise: averaged over the periods; total: with the distortion;
     even, odd: distortion by the silent lines (nan where there are none); variance: of `value`, everything counted.
-    realisations; repeats: whether the command repeats itself, which no command in a loop does, or None where it cannot
-    be told.
+    realisations; repeats: whether the command repeats itself, which no command in a loop does, or None where that is
+    unknown.
     """
 
     frequency_hz: FloatArray

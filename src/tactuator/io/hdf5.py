@@ -1,7 +1,7 @@
 """HDF5 files: those of others are tried by a child process before they are read, ours survive a full disk.
 
-On a damaged file the library may loop for ever or crash, out of the reach of any exception; what happens to the child
-tells beforehand.
+On a damaged file the library may loop for ever or crash, out of the reach of any exception; the child shows
+it beforehand.
 """
 
 from __future__ import annotations

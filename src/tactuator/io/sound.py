@@ -298,8 +298,8 @@ def _end_of_samples(file: BinaryIO, order: str, wanted: bytes, size: int) -> int
 def _require_no_samples_behind(file: BinaryIO, end: int, size: int, chunk: str | None) -> None:
     """Raise BadInput where behind the samples, which end there, something lies that is neither zeros nor a chunk.
 
-    No reader can tell it from samples that the head does not count. chunk: how a chunk's head is written, None for a
-    format without any.
+    No reader can distinguish it from samples that the head does not count. chunk: how a chunk's head is written, None
+    for a format without any.
     """
     at = end or size
     while chunk and at + struct.calcsize(chunk) <= size:

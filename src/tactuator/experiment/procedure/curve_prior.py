@@ -10,7 +10,7 @@ Normal people differ little from the display's curve, some of them smoothly and 
 next. Without this roughness a smooth curve passes through thresholds that scatter about it. Answers pooled over them
 rise more slowly than those at any one of them and reach the target share, which lies above the middle of the rise, at
 too high a level: a scatter of 2 dB was read 0.5 dB too high. The rough kind runs beside the smooth one because the
-same roughness in every curve costs smooth people accuracy, and the evidence tells the two apart.
+same roughness in every curve costs smooth people accuracy, and the evidence separates the two.
 
 A broad loss raises or tilts all of it; a local one is a notch, an
 edge or several steps. A loss of one channel is bounded by the other: where the Pacinian channel is lost, the threshold

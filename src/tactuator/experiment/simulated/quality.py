@@ -157,8 +157,8 @@ class Simulated:
     """Runs of a procedure with observers whose truth is known.
 
     truth_db_sl: thresholds, (runs, places). level_db_sl, place, correct: (runs, trials), NaN (0, False) after a run's
-    end; place: index of the frequency. trials: of the procedure, (runs,). own_db_sl: its estimates, (runs,), NaN where
-    there is none. loud: whether each trial was a loud one, (runs, trials).
+    end; place: index of the frequency. trials: of the procedure, (runs,). own_db_sl: its estimates, (runs,), NaN
+    without one. loud: whether each trial was a loud one, (runs, trials).
     """
 
     truth_db_sl: FloatArray
