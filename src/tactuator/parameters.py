@@ -45,9 +45,41 @@ from tactuator.errors import BadInput, likely
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+HIGHEST_RATE_HZ = 1e6  # beyond it double precision has too few digits for what is slow
+SMALLEST = 1e-100
+"""Size below which a number that is read must be zero, and its inverse above which a coefficient must not be: powers
+and products of others stay within a double's range. A coefficient is a product of up to 16 frequencies."""
+LARGEST = 1e30
+"""Size above which no other number must be."""
+
+
+def _of_size(largest: float) -> AfterValidator:
+    def check(value: float) -> float:
+        if value != 0.0 and not SMALLEST <= abs(value) < largest:
+            raise BadInput(f"{value:g}", f"0, or {SMALLEST:g} to {largest:g} in size")
+        return value
+
+    return AfterValidator(check)
+
+
+def _from_to(low: float, high: float) -> AfterValidator:
+    """Return the annotation of a number beyond whose bounds nothing can be computed, in whatever it is used."""
+
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise BadInput(f"{value:g}", f"a number, {_plain(low)} to {_plain(high)}")
+        return value
+
+    return AfterValidator(check)
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), _of_size(LARGEST)]
+Coefficient = Annotated[float, Field(strict=True, allow_inf_nan=False), _of_size(1.0 / SMALLEST)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Decibels = Annotated[Number, _from_to(-1000.0, 1000.0)]
+PositiveDecibels = Annotated[Decibels, Field(gt=0.0)]
+Hertz = Annotated[Positive, _from_to(1e-6, HIGHEST_RATE_HZ)]
 Whole = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Seconds = Annotated[Number, Field(ge=0.0, le=86400.0)]
@@ -56,10 +88,13 @@ Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 @dataclasses.dataclass(frozen=True)
 class Wording:
-    """What a page says of a parameter beyond its type and default: what is allowed, what is usual."""
+    """What a page says of a parameter beyond its type and default: what is allowed, what is usual; and what a call in
+    Python may pass, where a file has another form.
+    """
 
     allowed: str = ""
     default: str = ""
+    in_python: str = ""
 
 
 def _ascending(band: tuple[float, float]) -> tuple[float, float]:
@@ -69,7 +104,7 @@ def _ascending(band: tuple[float, float]) -> tuple[float, float]:
     return band
 
 
-Band = Annotated[tuple[Positive, Positive], AfterValidator(_ascending), Wording("two frequencies, 0 < low < high")]
+Band = Annotated[tuple[Hertz, Hertz], AfterValidator(_ascending), Wording("two frequencies, 0 < low < high")]
 """Two frequencies in hertz, the lower first."""
 
 
@@ -84,10 +119,16 @@ def _array(value: Any) -> FloatArray:
             _NESTED.validate_python(value)
         except ValidationError:
             raise BadInput("not made of numbers", "a list of numbers, or a list of such lists") from None
-    return np.asarray(value, dtype=np.float64)
+    array = np.asarray(value, dtype=np.float64)
+    size = np.abs(array[np.isfinite(array) & (array != 0.0)])
+    beyond = size[(size < SMALLEST) | (size >= 1.0 / SMALLEST)]
+    if beyond.size:
+        raise BadInput(f"{beyond[0]:g} in size", f"numbers of {SMALLEST:g} to {1.0 / SMALLEST:g}")
+    return array
 
 
-_NESTED: TypeAdapter[Any] = TypeAdapter(list[Number] | list[list[Number]], config=ConfigDict(defer_build=True))
+_Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_NESTED: TypeAdapter[Any] = TypeAdapter(list[_Finite] | list[list[_Finite]], config=ConfigDict(defer_build=True))
 Numbers = Annotated[FloatArray, *kept_by(_array, "a list of numbers, or a list of such lists")]
 """An array of numbers, or the lists that a file writes for one."""
 
@@ -109,7 +150,7 @@ def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
             try:
                 check(self, *values, **named)
             except ValidationError as error:
-                raise _refusal(table_of, title, error) from None
+                raise _refusal(table_of, title, error, in_python=True) from None
 
         table_of.__init__ = init
         hints, signature = get_type_hints(cls), inspect.signature(table_of)
@@ -123,11 +164,14 @@ def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
 def from_table(cls: type[T], values: Mapping[str, Any], *where: str) -> T:
     """Return the dataclass of a table's keys. Raises BadInput within `where`, the table as the file writes it."""
     require_known(values, cls.__pydantic_fields__, *where)  # type: ignore[attr-defined]
+    made = object.__new__(cls)
     try:
-        return cls(**values)
-    except BadInput as error:
-        error.where = (*where, *error.where[1:])
-        raise
+        inspect.unwrap(cls.__init__)(made, **values)
+    except ValidationError as error:
+        refusal = _refusal(cls, "", error, in_python=False)
+        refusal.where = (*where, *refusal.where[1:])
+        raise refusal from None
+    return made
 
 
 def require_known(values: Mapping[str, Any], keys: Mapping[str, Any], *where: str) -> None:
@@ -193,22 +237,30 @@ def _mark(about: FieldInfo, kind: type[Any]) -> Any:
     return next((mark for mark in reversed(about.metadata) if isinstance(mark, kind)), None)
 
 
-def _allowed(kind: Any, marks: list[Any]) -> str:
-    words = next((mark.allowed for mark in reversed(marks) if isinstance(mark, Wording) and mark.allowed), None)
-    if words is not None:
-        return str(words)
+def _allowed(kind: Any, marks: list[Any], in_python: bool = False) -> str:
+    words = [mark for mark in reversed(marks) if isinstance(mark, Wording)]
+    said = [*(mark.in_python for mark in words if in_python), *(mark.allowed for mark in words)]
+    if any(said):
+        return next(filter(None, said))
     origin, inner = get_origin(kind), get_args(kind)
     if origin is Annotated:
         nested = [more for mark in inner[1:] for more in (mark.metadata if isinstance(mark, FieldInfo) else [mark])]
-        return _allowed(inner[0], [*nested, *marks])
+        return _allowed(inner[0], [*nested, *marks], in_python)
     if origin is Literal:
         return ", ".join(literal(value) for value in inner)
     if origin in (Union, UnionType):
-        return " or ".join(_allowed(member, marks) for member in inner if member is not NoneType)
+        return " or ".join(_allowed(member, marks, in_python) for member in inner if member is not NoneType)
     if origin in (tuple, list):
-        return _EACH + _allowed(inner[0], [])
-    name = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}.get(kind, "a table")
+        return _EACH + _allowed(inner[0], [], in_python)
+    name = _NAMES.get(kind, _one(kind) if in_python else "a table")
     return f"{name}{_bounds(marks)}"
+
+
+def _one(kind: type) -> str:
+    return f"{'an' if kind.__name__[0] in 'aeiouAEIO' else 'a'} {kind.__name__}"
+
+
+_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 
 
 def _bounds(marks: list[Any]) -> str:
@@ -232,7 +284,7 @@ _EACH = "a list, each "
 _UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 
 
-def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
+def _refusal(cls: type, title: str, error: ValidationError, in_python: bool) -> BadInput:
     faults = error.errors(include_url=False)
     fault = next((each for each in faults if each["type"] in _UNKNOWN), faults[0])
     fields: dict[str, FieldInfo] = cls.__pydantic_fields__  # type: ignore[attr-defined]
@@ -251,7 +303,7 @@ def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
         return _unknown_key(key, fields, (title,))
     fields = {**_owner(cls, path[:-1]), **fields}  # an entry of a list of tables is refused by what the list may be
     about = next((fields[place] for place in reversed(path) if place in fields), None)
-    words = "" if about is None else allowed(about)
+    words = "" if about is None else _allowed(about.annotation, list(about.metadata), in_python)
     if places and isinstance(places[-1], int):
         words = words.removeprefix(_EACH)
     if fault["type"] == "missing":
@@ -259,7 +311,7 @@ def _refusal(cls: type, title: str, error: ValidationError) -> BadInput:
     value = fault["input"]
     got = f"{value:g}" if isinstance(value, float) else repr(value)
     if not isinstance(value, str | Real | list | tuple | dict | None):
-        got = f"a {type(value).__name__}"
+        got = _one(type(value))
     return BadInput(got if len(got) < 100 else f"{got[:96]} ...", words, where=(title,), key=key)
 
 
@@ -310,9 +362,11 @@ def checked(function: F) -> F:
                 if name in given:
                     adapter.validate_python(value.item() if isinstance(value, np.generic) else value)
             except ValidationError as error:
-                got = repr(value)[:80] if isinstance(value, str | Real | None) else f"a {type(value).__name__}"
-                is_beyond = not {"greater_than_equal", "less_than_equal"}.isdisjoint(e["type"] for e in error.errors())
-                raise BadInput(got, (is_beyond and ends) or kind, where=(title,), key=name) from None
+                got = repr(value)[:80] if isinstance(value, str | Real | None) else _one(type(value))
+                faults = error.errors()
+                is_beyond = not {"greater_than_equal", "less_than_equal"}.isdisjoint(e["type"] for e in faults)
+                reasons = [reason.allowed for e in faults if isinstance(reason := e.get("ctx", {}).get("error"), BadInput)]
+                raise BadInput(got, (is_beyond and ends) or (*reasons, kind)[0], where=(title,), key=name) from None
         return function(*values, **named)
 
     parameters = [each.replace(annotation=_unmarked(each.annotation)[0]) for each in signature.parameters.values()]
@@ -350,4 +404,4 @@ def _argument(hint: Any, limits: Sequence[Any] = ()) -> Any:
     if hint in _LEAVES:
         return reduce(lambda kind, limit: Annotated[kind, limit], limits if hint in (int, float) else (), _LEAVES[hint])
     kind = origin or hint
-    return Annotated[kind, InstanceOf(), Wording(getattr(kind, "in_words", f"a {kind.__name__}"))]  # type: ignore[type-arg]
+    return Annotated[kind, InstanceOf(), Wording(getattr(kind, "in_words", _one(kind)))]  # type: ignore[type-arg]

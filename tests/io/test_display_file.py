@@ -4,6 +4,7 @@ A channel's plant in a file of its own; models, responses and controllers in fil
 """
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,37 @@ def read(folder: Path, text: str) -> Display:
     path = folder / "display.toml"
     path.write_text(text)
     return read_display(path)
+
+
+def numbers_of(node: Any, *at: Any) -> Iterator[tuple[Any, ...]]:
+    """Yield where a document has numbers: the keys and places that lead to each."""
+    places = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for place, value in places:
+        yield from numbers_of(value, *at, place)
+    if isinstance(node, int | float) and not isinstance(node, bool):
+        yield at
+
+
+@pytest.mark.parametrize("value", [1e100, -1e100, 1e-320, 10**400, float("nan"), -float("inf")], ids=lambda value: repr(value)[:6])
+def test_parse_display__number_that_cannot_be_computed_with__refused_by_its_key(value: float) -> None:
+    document = json.loads(json.dumps(display_document(parse_display(three_finger_display()))))
+    document["channel"] = document["channel"][:1]
+    (channel,) = document["channel"]
+    channel |= {"valid_hz": [0.2, 400.0], "model_error_hz": [1.0, 9.0], "covariance": 4 * [4 * [1e-3]]}
+    channel |= {"recorded": {"rate_hz": 4000.0, "command": 1.0}, "family": [channel["plant"]], "mains_hz": [60.0]}
+    channel |= {"mains_max_db": [-11.0], "model_error_db": 0.1, "area_mm2": 30.0, "preload_n": 0.5}
+    places = list(numbers_of(document))
+    assert len(places) > 70
+    for *above, last in places:
+        changed = json.loads(json.dumps(document))
+        node = changed
+        for place in above:
+            node = node[place]
+        node[last] = value
+        key = last if isinstance(last, str) else next(place for place in reversed(above) if isinstance(place, str))
+        with pytest.raises(BadInput, match=key.removesuffix("s")) as caught:
+            parse_display(changed)
+        assert "\n" not in str(caught.value)
 
 
 def test_read_display__defaults_keys_and_kinds_of_plant__come_back(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_content
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
-from tactuator.model.plant import HIGHEST_RATE_HZ
 from tactuator.model.verdict import Verdict
+from tactuator.parameters import HIGHEST_RATE_HZ
 from tactuator.result import Fact, Result, ResultTable, found
 from tactuator.rig.open import acknowledge_faults
 from tactuator.runtime.image import ImageRefusal, check_image, read_image_header

@@ -21,8 +21,6 @@ from tactuator.signals.systems import ContinuousSystem
 FORMAT = "tactuator-model/1"
 _FAMILY = 8
 _UNITS = ("command", "position")
-_SMALLEST = 1e-100
-"""Smallest magnitude of a coefficient that is not zero: beyond it products overflow."""
 
 
 def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> dict[str, Any]:
@@ -72,10 +70,6 @@ def _sound(model: PlantModel) -> PlantModel:
     flat = model.num.ndim == model.den.ndim == 1
     if not flat or not model.num.any() or not model.den.any() or model.den[0] == 0.0:
         raise BadInput("num or den is zero, begins with one, or is no list", "coefficients, the highest first")
-    for name, values in (("num", model.num), ("den", model.den), ("covariance", model.covariance)):
-        size = np.abs(values[values != 0.0])
-        if size.size and not (np.min(size) > _SMALLEST and np.max(size) < 1.0 / _SMALLEST):
-            raise BadInput(f"{name} has a number of size {np.max(size):g}", f"{_SMALLEST:g} to {1 / _SMALLEST:g}")
     for name, band in (("band_hz", model.band_hz), ("valid_hz", model.valid_hz or (0.0, 1.0))):
         if not 0.0 <= band[0] < band[1]:
             raise BadInput(f"{name} is {band[0]:g} to {band[1]:g}", "from a lower frequency to a higher")

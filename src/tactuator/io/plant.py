@@ -21,7 +21,7 @@ from tactuator.model.description import Recorded
 from tactuator.model.plant import system_of
 from tactuator.model.plant_model import QualityCheck, reasons
 from tactuator.model.response_plant import plant_of_response
-from tactuator.parameters import Number, from_table
+from tactuator.parameters import Coefficient, Number, from_table
 from tactuator.signals.record import FrequencyResponse
 from tactuator.signals.systems import ContinuousSystem
 
@@ -199,7 +199,7 @@ def _leading(table: Mapping[str, Any]) -> float:
 
 
 _FRICTION: TypeAdapter[Any] = TypeAdapter(dict[str, Number])
-_COVARIANCE: TypeAdapter[Any] = TypeAdapter(list[list[Number]])
+_COVARIANCE: TypeAdapter[Any] = TypeAdapter(list[list[Coefficient]])
 
 
 def _model_document(path: Path, where: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from tactuator.io.hdf5 import written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.io.response_table import NO_NAMES, ResponseColumns, are_of_response, asked_column, response_of
 from tactuator.io.stamps import elapsed, even_stamps, read_clock, read_stamps, runs_of
+from tactuator.parameters import SMALLEST
 from tactuator.signals.multisine import without_periods
 from tactuator.signals.record import FrequencyResponse, Record
 
@@ -29,8 +30,6 @@ _FEWEST_OF_RUN = 100
 """Rows below which a run is left out."""
 _ONE_RATE = 1e-3
 """Difference of the rates by their stamps up to which runs have one."""
-_LARGEST = 1e100
-"""Beyond it, and below its inverse, an estimate's powers are no numbers."""
 
 FORMAT = "tactuator-record/1"
 INPUT_NAMES = ("command_v", "command", "input", "u", "in", "voltage", "uest", "vir", "torque", "force", "current")
@@ -248,8 +247,8 @@ class _Rows:
                 f"numbers (2 % may lack, {_LONGEST_UNREAD} in a row; a part: --from-s, --to-s)",
             )
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
-        if largest > 0.0 and not 1.0 / _LARGEST <= largest <= _LARGEST:
-            raise BadInput(f"the largest {name} is {largest:.3g}", f"{1.0 / _LARGEST:g} to {_LARGEST:g}")
+        if largest > 0.0 and not SMALLEST <= largest <= 1.0 / SMALLEST:
+            raise BadInput(f"the largest {name} is {largest:.3g}", f"{SMALLEST:g} to {1.0 / SMALLEST:g}")
         if not bad.size:
             return ""
         lacks = (

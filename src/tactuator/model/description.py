@@ -15,7 +15,7 @@ from pydantic import Field
 from pydantic.fields import FieldInfo
 
 from tactuator.errors import BadInput, unknown
-from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ, Load, Quantity, System, motor_gain
+from tactuator.model.plant import DERIVATIVES, Load, Quantity, System, motor_gain
 from tactuator.model.requirements import (
     FeedbackRequirements,
     Objectives,
@@ -25,8 +25,12 @@ from tactuator.model.requirements import (
     Wires,
 )
 from tactuator.parameters import (
+    HIGHEST_RATE_HZ,
     Band,
+    Coefficient,
+    Decibels,
     Flag,
+    Hertz,
     NotNegative,
     Number,
     Positive,
@@ -148,6 +152,7 @@ class Threshold:
         Wording(
             "a name, the path of a CSV (`frequency_hz,level_db_re_1um`), or a table with the points",
             '"bolanowski-1988"',
+            "a ThresholdCurve (`tt.read_curve` returns one)",
         ),
         Field(
             description="a curve of the library (`bolanowski-1988`: inferred, thenar eminence; `morioka-griffin-2006`: "
@@ -177,7 +182,9 @@ class Strength:
 
     contours: Annotated[
         Contours | None,
-        Wording("the path of a CSV (`level_db_sl,frequency_hz,db_sl`), or a table with the points"),
+        Wording(
+            "the path of a CSV (`level_db_sl,frequency_hz,db_sl`), or a table with the points", in_python="Contours"
+        ),
         Field(
             description="equal-strength contours; references of one level are then equally strong, and without "
             "contours equally far above threshold"
@@ -222,7 +229,7 @@ class Environment:
     The simulated display has these values; the verdict is judged by them, and reports what depends on assumed ones.
     """
 
-    hum_hz: Annotated[tuple[Positive, ...], Field(description="lines of hum at the sensor")] = (60.0, 120.0, 180.0)
+    hum_hz: Annotated[tuple[Hertz, ...], Field(description="lines of hum at the sensor")] = (60.0, 120.0, 180.0)
     hum_v_peak: Annotated[tuple[NotNegative, ...], Field(description="their peak voltages at the sensor")] = (
         1.0e-3,
         0.3e-3,
@@ -307,7 +314,10 @@ class Channel:
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
         System,
-        Wording("`{ num, den }`, `{ zeros, poles, gain }`, the path of a file, or a list of paths"),
+        Wording(
+            "`{ num, den }`, `{ zeros, poles, gain }`, the path of a file, or a list of paths",
+            in_python="(num, den), a table { zeros, poles, gain }, or a system of python-control or scipy.signal",
+        ),
         Field(
             description="command volts to sensor volts: `num` and `den` in descending powers of s, `zeros` and `poles` "
             "in rad/s (complex roots as `[re, im]`), optionally `delay_s`; or a `model.json` of `identify`, or a list "
@@ -325,7 +335,6 @@ class Channel:
     ] = "displacement"
     loads: Annotated[
         tuple[Load, ...],
-        Wording("a list of tables"),
         Field(
             description="what can touch it: `name`, `mass`, `damping`, `stiffness` of an impedance Z = (mass·s² + "
             "damping·s + stiffness)/per in command volts per sensor volt, with which P becomes P/(1 + PZ); `per` is "
@@ -349,7 +358,7 @@ class Channel:
         Field(description="names of the models that `plant` and each of `family` belong to"),
     ] = ()
     covariance: Annotated[
-        tuple[tuple[Number, ...], ...],
+        tuple[tuple[Coefficient, ...], ...],
         Wording("a list of rows"),
         Field(
             description="of the plant's `num`, its monic `den` after the leading one, and its `delay_s`; set by a "
@@ -364,13 +373,13 @@ class Channel:
             "without a loop, nothing equalised"
         ),
     ] = None
-    model_error_db: Annotated[NotNegative, Field(description="error of the plant's magnitude (set by a response)")] = (
+    model_error_db: Annotated[Decibels, Field(ge=0.0, description="error of the plant's magnitude (set by a response)")] = (
         0.0
     )
     model_error_hz: Annotated[Band | None, Field(description="where this error is greatest (set by a response)")] = None
     recorded: Annotated[
         Recorded | None,
-        Wording("a table", default="none"),
+        Wording(default="none"),
         Field(
             description="the plant's record (set by a `model.json`): `rate_hz`, amplitudes of `command` and "
             "`position`, `position_unit`, and `distrust`, why not to trust the plant"
@@ -387,8 +396,6 @@ class Channel:
     def __post_init__(self) -> None:
         object.__setattr__(self, "finger", self.finger or self.name)
         zeros, poles = self.plant.zeros.size, self.plant.poles.size
-        if not self.plant.is_proper:
-            raise BadInput(f"improper ({zeros} zeros, {poles} poles)", "at least as many poles", key="plant")
         size = zeros + poles + 2
         if self.covariance and {len(self.covariance), *(len(row) for row in self.covariance)} != {size}:
             raise BadInput(f"of {len(self.covariance)} rows", f"{size} rows of {size}", key="covariance")

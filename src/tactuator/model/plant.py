@@ -7,20 +7,34 @@ from types import NoneType
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, within
-from tactuator.parameters import NotNegative, Number, Positive, from_table, kept_by, table
+from tactuator.parameters import LARGEST, SMALLEST, Coefficient, NotNegative, Number, Positive, from_table, kept_by, table
 from tactuator.signals.exchange import from_control
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
 DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Number of times that the displacement is differentiated to give the quantity."""
-HIGHEST_RATE_HZ = 1e6  # beyond it double precision has too few digits for what is slow
+_FASTEST_RAD_S = 1e9
+"""Size of a pole or zero that is read: a hundred times as fast as any rate could follow."""
 _GROWS = 1e-7
 """Real part of a root over the largest root that rounding does not explain, where two lie at rest."""
-_Root = Number | tuple[Number, Number]
+_PARTS: TypeAdapter[Any] = TypeAdapter(tuple[Number] | tuple[Number, Number], config=ConfigDict(defer_build=True))
+
+
+def _root(value: Any) -> complex:
+    if isinstance(value, complex):
+        return value
+    try:
+        return complex(*_PARTS.validate_python(tuple(value) if isinstance(value, list | tuple) else (value,)))
+    except ValidationError:
+        raise BadInput(f"{value!r:.60}", f"a number or [re, im], of up to {LARGEST:g}") from None
+
+
+_Root = Annotated[complex, *kept_by(_root, "a number or [re, im]")]
 
 
 @table("plant")
@@ -29,12 +43,12 @@ class PlantTable:
     [re, im]); delay_s: its dead time.
     """
 
-    num: tuple[Number, ...] | None = None
-    den: tuple[Number, ...] | None = None
+    num: tuple[Coefficient, ...] | None = None
+    den: tuple[Coefficient, ...] | None = None
     zeros: tuple[_Root, ...] = ()
     poles: tuple[_Root, ...] | None = None
-    gain: Number | None = None
-    delay_s: NotNegative = 0.0
+    gain: Coefficient | None = None
+    delay_s: Annotated[NotNegative, Field(le=10.0)] = 0.0
 
     def system(self) -> ContinuousSystem:
         """Return the system. Raises BadInput where the table is neither one nor the other, or not a system."""
@@ -44,13 +58,7 @@ class PlantTable:
             raise BadInput("neither one nor the other", "{ num, den } or { zeros, poles, gain }")
         if by_polynomials:
             return ContinuousSystem.from_polynomials(self.num or (), self.den or (), self.delay_s)
-        if self.gain == 0.0:
-            raise BadInput("0", "any other number", key="gain")
-        zeros, poles = (
-            np.array([complex(*root) if isinstance(root, tuple) else root for root in roots or ()])
-            for roots in (self.zeros, self.poles)
-        )
-        return ContinuousSystem(zeros, poles, float(self.gain or 0.0), self.delay_s)
+        return ContinuousSystem(np.array(self.zeros), np.array(self.poles), float(self.gain or 0.0), self.delay_s)
 
 
 def system_of(value: Any, *where: str) -> ContinuousSystem:
@@ -61,7 +69,20 @@ def system_of(value: Any, *where: str) -> ContinuousSystem:
         system = _given_system(value)
         if not isinstance(system, ContinuousSystem):
             raise BadInput(f"a system sampled at {system.rate_hz:g} Hz", "a continuous one")
+        _require_computable(system)
         return system
+
+
+def _require_computable(system: ContinuousSystem) -> None:
+    """Raise BadInput for a system with more zeros than poles, and for a root or a gain beyond what can be computed."""
+    if not system.is_proper:
+        got = f"improper ({system.zeros.size} zeros, {system.poles.size} poles)"
+        raise BadInput(got, "proper, with at least as many poles as zeros")
+    for name, root in [*(("a pole", pole) for pole in system.poles), *(("a zero", zero) for zero in system.zeros)]:
+        if abs(root) > _FASTEST_RAD_S:
+            raise BadInput(f"{root:.4g} rad/s", f"up to {_FASTEST_RAD_S:g} rad/s in size", key=name)
+    if not SMALLEST <= abs(system.gain) < 1.0 / SMALLEST:
+        raise BadInput(f"{system.gain:g}", f"{SMALLEST:g} to {1.0 / SMALLEST:g} in size", key="gain")
 
 
 def _given_system(value: Any) -> ContinuousSystem | SampledSystem:
@@ -142,7 +163,10 @@ class Load:
             got = f"a list, of which one makes the plant unstable (a pole at {np.max(poles.real):+.4g} rad/s)"
             raise BadInput(got, allowed, key="loads")
         gain = plant.gain / loaded[np.nonzero(loaded)[0][0]]
-        return ContinuousSystem(np.append(zeros, np.zeros(order)), poles, float(gain), plant.delay_s)
+        loaded_plant = ContinuousSystem(np.append(zeros, np.zeros(order)), poles, float(gain), plant.delay_s)
+        with within(f"load {self.name!r}"):
+            _require_computable(loaded_plant)
+        return loaded_plant
 
 
 def motor_gain(plant: ContinuousSystem, quantity: Quantity = "displacement") -> float | None:

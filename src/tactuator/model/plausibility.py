@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.model.plant import DERIVATIVES, HIGHEST_RATE_HZ
+from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plant_model import QualityCheck
 from tactuator.model.verdict import Finding, Outcome
+from tactuator.parameters import HIGHEST_RATE_HZ
 from tactuator.perception.curve import ThresholdCurve, curve
 from tactuator.signals.record import FrequencyResponse, Record, minimum_phase
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from tactuator.errors import BadInput
 from tactuator.model.plant import System
-from tactuator.parameters import Band, Flag, Number, Positive, Whole, Wording, table
+from tactuator.parameters import Band, Decibels, Flag, Hertz, Positive, PositiveDecibels, Whole, Wording, table
 from tactuator.perception.curve import COMFORT_DB_SL
 
 MOST_CHANNELS = 64
@@ -89,10 +89,10 @@ class FeedbackRequirements:
     ] = "integrator-lead-lag"
     phase_margin_deg: Annotated[Positive | None, Field(description="at least")] = 50.0
     sensitivity_peak: Annotated[Positive | None, Field(description="max|S|, at most")] = 1.45
-    mains_hz: Annotated[tuple[Positive, ...], Field(description="where hum reaches the finger through T")] = ()
-    mains_max_db: Annotated[tuple[Number, ...], Field(description="|T| at each of `mains_hz`, at most")] = ()
-    rejection_hz: Annotated[tuple[Positive, ...], Field(description="where disturbances must be rejected")] = ()
-    rejection_max_db: Annotated[tuple[Number, ...], Field(description="|S| at each of `rejection_hz`, at most")] = ()
+    mains_hz: Annotated[tuple[Hertz, ...], Field(description="where hum reaches the finger through T")] = ()
+    mains_max_db: Annotated[tuple[Decibels, ...], Field(description="|T| at each of `mains_hz`, at most")] = ()
+    rejection_hz: Annotated[tuple[Hertz, ...], Field(description="where disturbances must be rejected")] = ()
+    rejection_max_db: Annotated[tuple[Decibels, ...], Field(description="|S| at each of `rejection_hz`, at most")] = ()
     command_noise_gain_max: Annotated[
         Positive | None, Field(description="rms of CS for white sensor noise of rms 1, at most")
     ] = 30.0
@@ -119,7 +119,7 @@ class PrefilterRequirements:
         Whole, Field(ge=2, le=MOST_POLES, description="number of poles; more follow the curve more closely")
     ] = 4
     falls_above_hz: Annotated[
-        Positive, Field(description="above this, the gain does not exceed the greatest in the band")
+        Hertz, Field(description="above this, the gain does not exceed the greatest in the band")
     ] = 400.0
 
 
@@ -127,14 +127,14 @@ class PrefilterRequirements:
 class Objectives:
     """Tolerances of the paper's four objectives (its section 2)."""
 
-    flatness_db: Annotated[Positive, Field(description="i: deviation of |H| from the curve over the band")] = 1.0
-    from_db_sl: Annotated[Number, Field(description="i: lowest level with friction and converter steps")] = 10.0
-    mains_max_db_sl: Annotated[Number, Field(description="ii: felt level of every mains line")] = 0.0
-    noise_max_db_sl: Annotated[Number, Field(description="iii: felt noise in every third octave")] = 0.0
+    flatness_db: Annotated[PositiveDecibels, Field(description="i: deviation of |H| from the curve over the band")] = 1.0
+    from_db_sl: Annotated[Decibels, Field(description="i: lowest level with friction and converter steps")] = 10.0
+    mains_max_db_sl: Annotated[Decibels, Field(description="ii: felt level of every mains line")] = 0.0
+    noise_max_db_sl: Annotated[Decibels, Field(description="iii: felt noise in every third octave")] = 0.0
     resonance_peak: Annotated[Positive, Field(description="iii: max|T|")] = 1.3
-    load_max_db: Annotated[Positive, Field(description="iv: change of |H| by a load, up to `load_band_hz`")] = 1.0
-    load_band_hz: Annotated[Positive, Field(description="iv: highest frequency for `load_max_db`")] = 10.0
-    comfort_db_sl: Annotated[Positive, Field(description="the greatest level presented")] = COMFORT_DB_SL
+    load_max_db: Annotated[PositiveDecibels, Field(description="iv: change of |H| by a load, up to `load_band_hz`")] = 1.0
+    load_band_hz: Annotated[Hertz, Field(description="iv: highest frequency for `load_max_db`")] = 10.0
+    comfort_db_sl: Annotated[PositiveDecibels, Field(description="the greatest level presented")] = COMFORT_DB_SL
 
 
 @table("[touch]")

@@ -51,7 +51,7 @@ class Simulation:
     """Every channel of `display`: plant, loads, friction, sensor, hum, noise, converters, and a controller if loaded.
 
     The same seed gives the same numbers, whatever the sizes of the blocks; channels have independent noise. Raises
-    BadInput for what cannot be simulated: an improper plant, order above 8, a direct part without computing delay.
+    BadInput for what cannot be simulated: order above 8, a direct part without computing delay.
     """
 
     def __init__(self, display: Display, seed: int = 0) -> None:

@@ -66,7 +66,7 @@ class _Canonical:
 
 
 def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
-    """Return the plants of a channel, held. Raises BadInput for an improper plant or one of too high an order."""
+    """Return the plants of a channel, held. Raises BadInput for one of too high an order."""
     plants = [channel.plant, *(channel.loaded_plant(load) for load in channel.loads)]
     forms = [_canonical(channel, plant) for plant in plants]
     order = max(form.den.size - 1 for form in forms)
@@ -82,11 +82,6 @@ def held_plants(channel: Channel, rate_hz: float) -> HeldPlants:
 
 
 def _canonical(channel: Channel, plant: ContinuousSystem) -> _Canonical:
-    if not plant.is_proper:
-        raise BadInput(
-            f"channel {channel.name!r}: plant has {plant.zeros.size} zeros and {plant.poles.size} poles",
-            "no more zeros than poles",
-        )
     derivatives = DERIVATIVES[channel.quantity]
     at_origin = np.flatnonzero(plant.zeros == 0.0)[:derivatives]
     zeros = np.delete(plant.zeros, at_origin)

@@ -375,12 +375,6 @@ def _require_known(channel: Channel, looped: bool) -> None:
 
 
 def _require_sound(plant: ContinuousSystem, where: str, looped: bool) -> None:
-    if plant.gain == 0.0:
-        raise BadInput(f"{where} has zero gain", "a plant that moves")
-    if not plant.is_proper:
-        raise BadInput(
-            f"{where} is improper ({plant.zeros.size} zeros, {plant.poles.size} poles)", "no more zeros than poles"
-        )
     if not looped and not plant.is_stable:
         worst = plant.poles[np.argmax(plant.poles.real)]
         raise BadInput(

@@ -169,7 +169,7 @@ def _around_modes_hz(family: Sequence[Member]) -> Iterator[FloatArray]:
     for member in family:
         for root in np.append(member.continuous.poles, member.continuous.zeros):
             if root.imag > 0.0 and abs(root.real) < LIGHT_DAMPING * abs(root):
-                away = np.geomspace(0.25 * min(abs(root.real) / root.imag, 0.3), 0.3, 12)
+                away = np.geomspace(0.25 * min(max(abs(root.real) / root.imag, 1e-5), 0.3), 0.3, 12)
                 yield root.imag * (1.0 + np.concatenate([-away[::-1], [0.0], away])) / (2.0 * np.pi)
 
 
