@@ -365,7 +365,9 @@ def checked(function: F) -> F:
                 got = repr(value)[:80] if isinstance(value, str | Real | None) else _one(type(value))
                 faults = error.errors()
                 is_beyond = not {"greater_than_equal", "less_than_equal"}.isdisjoint(e["type"] for e in faults)
-                reasons = [reason.allowed for e in faults if isinstance(reason := e.get("ctx", {}).get("error"), BadInput)]
+                reasons = [
+                    reason.allowed for e in faults if isinstance(reason := e.get("ctx", {}).get("error"), BadInput)
+                ]
                 raise BadInput(got, (is_beyond and ends) or (*reasons, kind)[0], where=(title,), key=name) from None
         return function(*values, **named)
 

@@ -62,7 +62,9 @@ def numbers_of(node: Any, *at: Any) -> Iterator[tuple[Any, ...]]:
         yield at
 
 
-@pytest.mark.parametrize("value", [1e100, -1e100, 1e-320, 10**400, float("nan"), -float("inf")], ids=lambda value: repr(value)[:6])
+@pytest.mark.parametrize(
+    "value", [1e100, -1e100, 1e-320, 10**400, float("nan"), -float("inf")], ids=lambda value: repr(value)[:6]
+)
 def test_parse_display__number_that_cannot_be_computed_with__refused_by_its_key(value: float) -> None:
     document = json.loads(json.dumps(display_document(parse_display(three_finger_display()))))
     document["channel"] = document["channel"][:1]

@@ -373,9 +373,9 @@ class Channel:
             "without a loop, nothing equalised"
         ),
     ] = None
-    model_error_db: Annotated[Decibels, Field(ge=0.0, description="error of the plant's magnitude (set by a response)")] = (
-        0.0
-    )
+    model_error_db: Annotated[
+        Decibels, Field(ge=0.0, description="error of the plant's magnitude (set by a response)")
+    ] = 0.0
     model_error_hz: Annotated[Band | None, Field(description="where this error is greatest (set by a response)")] = None
     recorded: Annotated[
         Recorded | None,

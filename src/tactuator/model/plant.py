@@ -11,7 +11,17 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput, within
-from tactuator.parameters import LARGEST, SMALLEST, Coefficient, NotNegative, Number, Positive, from_table, kept_by, table
+from tactuator.parameters import (
+    LARGEST,
+    SMALLEST,
+    Coefficient,
+    NotNegative,
+    Number,
+    Positive,
+    from_table,
+    kept_by,
+    table,
+)
 from tactuator.signals.exchange import from_control
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 

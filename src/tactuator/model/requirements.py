@@ -127,12 +127,16 @@ class PrefilterRequirements:
 class Objectives:
     """Tolerances of the paper's four objectives (its section 2)."""
 
-    flatness_db: Annotated[PositiveDecibels, Field(description="i: deviation of |H| from the curve over the band")] = 1.0
+    flatness_db: Annotated[PositiveDecibels, Field(description="i: deviation of |H| from the curve over the band")] = (
+        1.0
+    )
     from_db_sl: Annotated[Decibels, Field(description="i: lowest level with friction and converter steps")] = 10.0
     mains_max_db_sl: Annotated[Decibels, Field(description="ii: felt level of every mains line")] = 0.0
     noise_max_db_sl: Annotated[Decibels, Field(description="iii: felt noise in every third octave")] = 0.0
     resonance_peak: Annotated[Positive, Field(description="iii: max|T|")] = 1.3
-    load_max_db: Annotated[PositiveDecibels, Field(description="iv: change of |H| by a load, up to `load_band_hz`")] = 1.0
+    load_max_db: Annotated[PositiveDecibels, Field(description="iv: change of |H| by a load, up to `load_band_hz`")] = (
+        1.0
+    )
     load_band_hz: Annotated[Hertz, Field(description="iv: highest frequency for `load_max_db`")] = 10.0
     comfort_db_sl: Annotated[PositiveDecibels, Field(description="the greatest level presented")] = COMFORT_DB_SL
 
