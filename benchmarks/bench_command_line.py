@@ -27,8 +27,8 @@ from tactuator.cli.commands import top_commands
 from tactuator.io.controller import write_controller
 from tactuator.model.controller import Controller
 from tactuator.paper.lab import CONTROLLER
-from tactuator.paper.people import run_people, write_protocol
-from tactuator.paper.plan import Plan
+from tactuator.paper.people import run_subject, write_protocols
+from tactuator.paper.plan import PEOPLE, Plan
 from tactuator.rig.rig import Trace
 from tactuator.rig.simulated import SimulatedRig
 
@@ -61,9 +61,10 @@ def sittings(plan: Plan, controller: Controller) -> None:
     """Let the subjects sit one after the other."""
     with tempfile.TemporaryDirectory() as folder, patch.object(tactuator, "SimulatedRig", CountedRig):
         place = Path(folder)
-        write_protocol(plan, place)
+        write_protocols(plan, place)
         write_controller(place / CONTROLLER, controller)
-        run_people(plan, place, place / "people.db")
+        for name in PEOPLE:
+            run_subject(plan, place, name, place / f"{name}.db")
 
 
 def bare_loops(controller: Controller, samples: int) -> None:

@@ -169,10 +169,12 @@ def test_answer__as_json_or_for_a_person__one_object_or_tables(capsys):
 def test_long_work__where_no_terminal_is__writes_a_line_now_and_then(capsys, monkeypatch):
     monkeypatch.setattr(output, "EVERY_S", 0.01)
     written = ""
-    with watched(Bars()), working("designing") as step:
+    with watched(Bars()), working("identifying", 1.0) as before, working("designing") as step, working("checking"):
+        before(1.0)
         step(text="index")
         while "tactuator: index, 0.0" not in written:  # pytest's own time limit ends it
             written += capsys.readouterr().err
+    assert "checking" not in written
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

@@ -16,7 +16,7 @@ from tactuator.paper import reproduce as command
 from tactuator.paper.lab import CONTROLLER
 from tactuator.paper.measured import LOADED, UNLOADED, of, worst_error_db
 from tactuator.paper.people import errors_db, expected_bias_db, people_at_work
-from tactuator.paper.plan import LEVELS_DB_SL, RESPONSE_HZ, THRESHOLD_HZ, Plan
+from tactuator.paper.plan import LEVELS_DB_SL, PEOPLE, RESPONSE_HZ, THRESHOLD_HZ, Plan
 from tactuator.paper.report import figures
 from tactuator.paper.study import PRINTED, PaperStudy
 from tactuator.paper.summary import comparison, printed_error_db
@@ -189,11 +189,11 @@ def test_reproduce__speech_that_is_none__is_refused_in_one_line(tmp_path: Path, 
         run.refused("reproduce", "--out", tmp_path / "paper", "--speech", tmp_path / name, said=name)
 
 
-def test_people_at_work__interrupted__their_process_ends(tmp_path: Path) -> None:
+def test_people_at_work__interrupted__their_processes_end(tmp_path: Path) -> None:
     plan, others = Plan(paper_display()), set(multiprocessing.active_children())
     tt.design(paper_display()).write(tmp_path / CONTROLLER)
     with pytest.raises(KeyboardInterrupt), people_at_work(plan, tmp_path):
         workers = set(multiprocessing.active_children()) - others
         raise KeyboardInterrupt
-    assert len(workers) == 1
+    assert len(workers) == len(PEOPLE)
     assert all(wait([worker.sentinel], 5.0) for worker in workers)

@@ -43,6 +43,7 @@ from tactuator.experiment.simulated.quality import CurveQuality, Setting, simula
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers, with_truths
 from tactuator.experiment.store import records
 from tactuator.experiment.store.erasure import erase as erase_subject
+from tactuator.experiment.store.merging import copy_studies
 from tactuator.experiment.store.store import Store, opened_store, sessions_of
 from tactuator.experiment.store.voids import Part, set_void
 from tactuator.experiment.words import shipped_words
@@ -686,6 +687,31 @@ def backup(
     """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
     with closing(Store(store, must_exist=True, whole=False)) as database:
         return BackupResult(Path(out), database.backup(Path(out)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MergedResult(Result):
+    """A new store with the studies of others."""
+
+    out: Path
+    stores: int
+
+
+def merge(
+    stores: Annotated[Sequence[Place], Argument("Stores to copy.", file=True, type=list[Path])],
+    out: Annotated[Place, Option("Store to write: a new file.", writes=True)],
+) -> MergedResult:
+    """Copy several stores into a new one. Their studies stay apart, also those of one name.
+
+    Raises BadInput where the file is there, and for stores with the same visits.
+    """
+    if Path(out).exists():
+        raise BadInput(f"{out} exists", "a new file")
+    with opened_store(out) as merged, merged.begin() as target:
+        for store in stores:
+            with within(f"{store}"), closing(Store(store, must_exist=True)) as database, database.read() as source:
+                copy_studies(source, target)
+    return MergedResult(Path(out), len(stores))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -74,6 +74,7 @@ _ROWS = (
     (_PERSON, "experiment recognise", "api.recognition:recognise", "Run a recognition experiment with a subject."),
     (_PERSON, "experiment information", "api.recognition:information", "Estimate information transfer in five ways."),
     (_PERSON, "experiment backup", "api.experiment:backup", "Copy a store whole, also while it is served."),
+    (_PERSON, "experiment merge", "api.experiment:merge", "Copy several stores into a new one."),
     (_PERSON, "experiment simulate", "api.experiment:simulate", "Assess how accurate a procedure's estimates are."),
     (_SPEECH, "render", "api.speech:render", "Render speech, clips or phonemes to a reference in dB SL."),
     (_SPEECH, "play", "api.speech:play", "Play a reference."),

@@ -5,6 +5,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from itertools import count
 from threading import Event, Thread
 
@@ -76,26 +77,21 @@ EVERY_S = 30.0
 """Time between two lines about long work where standard error is no terminal."""
 
 
-@contextmanager
-def _lines(text: str) -> Iterator[Step]:
-    """Write a line about a stretch of work now and then, until it ends."""
-    current, ended = [text], Event()
+@dataclass(eq=False)
+class _Stretch:
+    """A stretch of work: what is at hand, and how much of it is done."""
 
-    def write() -> None:
-        for number in count(1):
-            if ended.wait(EVERY_S):
-                return
-            sys.stderr.write(f"tactuator: {visible(current[0])}, {number * EVERY_S:g} s\n")
-            sys.stderr.flush()
+    text: str
+    total: float | None
+    done: float = 0.0
 
-    def step(done: float | None = None, total: float | None = None, text: str | None = None) -> None:
-        current[0] = text or current[0]
+    def __call__(self, done: float | None = None, total: float | None = None, text: str | None = None) -> None:
+        self.text, self.total = text or self.text, self.total if total is None else total
+        self.done = self.done if done is None else done
 
-    Thread(target=write, daemon=True).start()
-    try:
-        yield step
-    finally:
-        ended.set()
+    @property
+    def unfinished(self) -> bool:
+        return self.total is None or self.done < self.total
 
 
 class Bars:
@@ -103,12 +99,35 @@ class Bars:
 
     def __init__(self) -> None:
         self._shown: Progress | None = None
+        self._at_work: list[_Stretch] = []
+
+    @contextmanager
+    def _lines(self, text: str, total: float | None) -> Iterator[Step]:
+        """Write a line now and then, until the first of the stretches ends, about the first that is not finished."""
+        stretch, ended, first = _Stretch(text, total), Event(), not self._at_work
+
+        def write() -> None:
+            for number in count(1):
+                if ended.wait(EVERY_S):
+                    return
+                current = next((each.text for each in self._at_work if each.unfinished), text)
+                sys.stderr.write(f"tactuator: {visible(current)}, {number * EVERY_S:g} s\n")
+                sys.stderr.flush()
+
+        self._at_work.append(stretch)
+        if first:
+            Thread(target=write, daemon=True).start()
+        try:
+            yield stretch
+        finally:
+            self._at_work.remove(stretch)
+            ended.set()
 
     @contextmanager
     def __call__(self, text: str, total: float | None) -> Iterator[Step]:
         """Show a bar for a stretch of work."""
         if not sys.stderr.isatty():
-            with _lines(text) as step:
+            with self._lines(text, total) as step:
                 yield step
             return
         with ExitStack() as stack:

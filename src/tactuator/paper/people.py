@@ -1,6 +1,7 @@
 """Thresholds of simulated subjects by the paper's procedure, and the curve that comes of them.
 
-The chain is that of a laboratory: a protocol file, `experiment observe` into a store, `experiment thresholds`.
+The chain is that of a laboratory with a display for each subject: `experiment observe` of a protocol into a store,
+`experiment merge` of the stores, `experiment thresholds`.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from typing import Any
 import numpy as np
 
 import tactuator as tt
-from tactuator.api.experiment import observe, simulate
+from tactuator.api.experiment import merge, observe, simulate
 from tactuator.arrays import FloatArray
 from tactuator.paper.lab import CONTROLLER
 from tactuator.paper.plan import PEOPLE, THRESHOLD_HZ, Plan
 from tactuator.perception.curve import ThresholdCurve
 from tactuator.processors import begin_helper, helper_context
 
-PROTOCOL, CURVE = "protocol.toml", "curve.csv"
+CURVE = "curve.csv"
 _PROTOCOL = """# The paper's procedure, every finger at every frequency once.
 [study]
-name = "thresholds on the display"
+name = "thresholds on the display, {subject}"
 seed = {seed}
 [procedure]
 kind = "imece2004"
@@ -38,6 +39,9 @@ frequencies_hz = [{frequencies}]
 order = "as-given"
 [session]
 practice_trials = 0
+[[subject]]
+code = "{subject}"
+group = "simulated"
 """
 
 _BIAS_RUNS = 200
@@ -69,32 +73,38 @@ class Detected:
     people: tuple[Any, ...]
 
 
-def write_protocol(plan: Plan, folder: Path) -> None:
-    """Write the protocol and each subject's threshold, relative to the curve."""
+def write_protocols(plan: Plan, folder: Path) -> None:
+    """Write each subject's protocol, and threshold relative to the curve."""
     fingers = ", ".join(f'"{channel.finger}"' for channel in plan.display.channels)
     frequencies = ", ".join(f"{hertz:g}" for hertz in THRESHOLD_HZ)
-    text = _PROTOCOL.format(seed=plan.seed_of("trials") % 2**31, fingers=fingers, frequencies=frequencies)
-    subjects = (f'[[subject]]\ncode = "{name}"\ngroup = "simulated"\n' for name in PEOPLE)
-    (folder / PROTOCOL).write_text(text + "".join(subjects), encoding="utf-8")
     hertz = np.geomspace(*plan.display.channels[0].threshold.band_hz, 40)
     for name, (offset_db, tilt_db, _) in PEOPLE.items():
         rows = (f"{f:.6g},{offset_db + tilt_db * np.log10(f / 20.0):.6g}\n" for f in hertz)
+        seed = plan.seed_of(f"trials of {name}") % 2**31
+        text = _PROTOCOL.format(subject=name, seed=seed, fingers=fingers, frequencies=frequencies)
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
         (folder / f"{name}.csv").write_text("frequency_hz,level_db_sl\n" + "".join(rows), encoding="utf-8")
 
 
 @contextmanager
 def people_at_work(plan: Plan, folder: Path) -> Iterator[Callable[[], Detected]]:
-    """Let every subject go through the protocol on the simulated device in another process, beside what else the
-    context does. Yield a function that waits for them and returns the thresholds.
+    """Let every subject go through the protocol on a simulated device in a process each, beside what else the context
+    does. Yield a function that waits for them and returns the thresholds.
     """
-    write_protocol(plan, folder)
+    write_protocols(plan, folder)
     with TemporaryDirectory() as place:
         others = set(multiprocessing.active_children())
-        pool = ProcessPoolExecutor(1, helper_context(__name__), initializer=begin_helper)
+        pool = ProcessPoolExecutor(len(PEOPLE), helper_context(__name__), initializer=begin_helper)
         try:
-            store = Path(place) / "people.db"
-            job = pool.submit(run_people, plan, folder, store)
-            yield lambda: detected(plan, folder, store, job.result())
+            stores = {name: Path(place) / f"{name}.db" for name in PEOPLE}
+            jobs = [pool.submit(run_subject, plan, folder, name, store) for name, store in stores.items()]
+
+            def wait() -> Detected:
+                truth = {known: level for job in jobs for known, level in job.result().items()}
+                merged = merge([*stores.values()], Path(place) / "all.db").out
+                return detected(folder, merged, truth)
+
+            yield wait
         except BaseException:  # an interrupted study does not wait until the subjects are through
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
@@ -103,21 +113,21 @@ def people_at_work(plan: Plan, folder: Path) -> Iterator[Callable[[], Detected]]
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def run_people(plan: Plan, folder: Path, store: Path) -> dict[tuple[str, float], float]:
-    """Let all subjects go through all runs; return the true threshold of each at each frequency, dB re 1 um."""
+def run_subject(plan: Plan, folder: Path, name: str, store: Path) -> dict[tuple[str, float], float]:
+    """Let a subject go through all runs; return the true threshold at each frequency, dB re 1 um."""
     observed = observe(
-        folder / PROTOCOL,
+        folder / f"{name}.toml",
         store,
-        tt.SimulatedRig(plan.display, plan.seed_of("thresholds")),
+        tt.SimulatedRig(plan.display, plan.seed_of(f"thresholds of {name}")),
         controller=folder / CONTROLLER,
-        truth=[f"{name}={folder / name}.csv" for name in PEOPLE],
-        lapse=[f"{name}={lapse}" for name, (_, _, lapse) in PEOPLE.items()],
-        seed=plan.seed_of("people") % 2**31,
+        truth=[f"{name}={folder / name}.csv"],
+        lapse=[f"{name}={PEOPLE[name][2]}"],
+        seed=plan.seed_of(f"answers of {name}") % 2**31,
     )
     return {(subject, hertz): level for subject, hertz, level in observed.truth}
 
 
-def detected(plan: Plan, folder: Path, store: Path, truth: dict[tuple[str, float], float]) -> Detected:
+def detected(folder: Path, store: Path, truth: dict[tuple[str, float], float]) -> Detected:
     """Return the thresholds beside the truth, and write the group's curve."""
     results = tt.thresholds(store, curve_out=folder / CURVE).results
     known = []

@@ -36,7 +36,7 @@ def _last(connection: Connection, column: Column[Any], *where: ColumnElement[boo
 
 
 def _add(connection: Connection, table: Table, row: Mapping[str, Any]) -> Found:
-    return connection.execute(insert(table).values(**row).returning(table)).one()
+    return connection.execute(insert(table).returning(table), row).one()
 
 
 def _change(connection: Connection, table: Table, row: int, **values: Any) -> None:
