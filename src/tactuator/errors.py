@@ -79,6 +79,11 @@ class TactuatorError(Exception):
             sentence = f"{sentence}; {'it must be' if self.key else 'expected'} {allowed}"
         return visible(sentence).replace("\n", "\\n")
 
+    @property
+    def lines(self) -> list[str]:
+        """Return the sentence, and a short line for each of its notes (`add_note`): why, and what helps."""
+        return [str(self), *map(visible, getattr(self, "__notes__", ()))]
+
     def document(self) -> Mapping[str, Any]:
         """Return the error as data, for a page."""
         where, key = [_bounded(place) for place in self.where], _bounded(self.key)

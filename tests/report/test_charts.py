@@ -244,7 +244,7 @@ def test_findings_loads_and_remarks__are_printed_in_one_line_each():
     bare = Finding("build", "thumb", "none", Outcome.NOT_JUDGED, "float32")
     assert finding_row(bare) == ("build", "thumb", "not judged", "float32", "", "", "free")
     assert [load_words(name) for name in ("none", "finger", "none, model 2", "finger, model 3")] == [
-        "free", "finger", "free, plant 2 of the family", "finger, plant 3 of the family",
+        "free", "finger", "free, fit 2 of the record", "finger, fit 3 of the record",
     ]  # fmt: skip
     twice = [Finding(name, "c", "none", Outcome.NOT_JUDGED, "x", remark="nothing tells") for name in ("i", "ii", "i")]
     same = [Finding("iv", name, "none", Outcome.NOT_JUDGED, "change", remark="no load") for name in ("a", "b", "c")]

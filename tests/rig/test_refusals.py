@@ -120,7 +120,7 @@ def test_serial__port_that_another_program_has__is_refused_until_it_is_free() ->
     ours, theirs = os.openpty()
     name = os.ttyname(theirs)
     first = SerialPort(name)
-    with pytest.raises(LinkDown, match=r"cannot be opened .*lock.*free"):
+    with pytest.raises(LinkDown, match=r"in use by another program.*free"):
         SerialPort(name)
     first.close()
     SerialPort(name).close()

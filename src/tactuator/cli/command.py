@@ -12,6 +12,7 @@ from tactuator.api.progress import watched
 from tactuator.cli.output import Bars, answer
 from tactuator.errors import BadInput, Interrupted, reason_of
 from tactuator.io.atomic import check_parent
+from tactuator.io.kinds import KINDS, require_kind
 from tactuator.io.text import parse_toml, read_text
 
 DOES_NOT_HOLD = 1
@@ -91,9 +92,11 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
 
 
 def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
-    """Raise BadInput where what is written would replace what is read: an argument, or what a TOML file names."""
+    """Raise BadInput where what is written would replace what is read: an argument, or what a TOML file names; first
+    for an argument that is not of the kind it is read as.
+    """
     inputs = [
-        (name, path)
+        (name, given_path, path)
         for name, option in known.items()
         if option.file or not option.writes
         for given_path in _paths(given[name])
@@ -101,8 +104,10 @@ def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) ->
     ]
     for name, option in known.items():
         for place in _paths(given[name]) if option.writes and not option.file else ():
-            for read, path in inputs:
+            for read, argument, path in inputs:
                 if place.is_file() and _is_same(place, path):
+                    if read in KINDS:
+                        require_kind(argument, read)
                     raise BadInput(f"{name} {place} is the {read} itself, or a file that it names", "another name")
 
 

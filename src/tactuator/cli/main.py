@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import sys
+import textwrap
 import traceback
 from collections.abc import Container, Sequence
 from itertools import pairwise
@@ -116,7 +117,7 @@ def _say_what_failed(error: Exception, arguments: Sequence[str]) -> int:
     """Say in one line what went wrong, a defect of the program's own with its traceback; return the exit status."""
     match error:
         case TactuatorError():
-            return _say(str(error), error.exit_status)
+            return _say(str(error), error.exit_status, error.lines[1:])
         case TyperException():
             return _say(_usage(error, arguments), BAD_INPUT)
         case BrokenPipeError():
@@ -132,9 +133,11 @@ def _say_what_failed(error: Exception, arguments: Sequence[str]) -> int:
     return OWN_FAULT
 
 
-def _say(message: str, status: int) -> int:
-    """Print one line on standard error, whatever the message holds, and return the exit status."""
+def _say(message: str, status: int, notes: Sequence[str] = ()) -> int:
+    """Print one line on standard error, whatever the message holds, and its notes; return the exit status."""
     sys.stderr.write(f"tactuator: {visible(' '.join(message.split()))}\n")
+    for note in notes:
+        sys.stderr.write(textwrap.fill(note, 79, initial_indent="  ", subsequent_indent="    ") + "\n")
     return status
 
 

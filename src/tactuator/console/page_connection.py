@@ -148,7 +148,7 @@ class ConsoleConnection:
             try:
                 figures = await self._figures_of(display, channel, shape)
             except TactuatorError as error:
-                figures = {"refused": str(error)}
+                figures = {"refused": "; ".join(error.lines)}
             except Exception:
                 LOGGER.exception("figures of the console failed")
                 figures = {"refused": DEFECT}

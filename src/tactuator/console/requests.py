@@ -86,7 +86,7 @@ async def serve_requests(socket: WebSocket, functions: Functions, uploads: Uploa
             with uploads.named_plainly():
                 answered = await _answer(requested(functions, message))
         except TactuatorError as error:
-            answered = {"error": str(error), "at": error.document()}
+            answered = {"error": "; ".join(error.lines), "at": error.document()}
         except (WebSocketDisconnect, asyncio.CancelledError):
             raise
         except Exception:

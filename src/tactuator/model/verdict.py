@@ -328,10 +328,10 @@ def finding_row(finding: Finding) -> tuple[str, ...]:
 
 
 def load_words(name: str) -> str:
-    """Return a load, or a plant of the family under it (`finger, model 2`), as a person reads it."""
+    """Return a load, or another model that fits the record under it (`finger, model 2`), as a person reads it."""
     load, _, model = name.partition(", model ")
     words = "free" if load == "none" else load
-    return f"{words}, plant {model} of the family" if model else words
+    return f"{words}, fit {model} of the record" if model else words
 
 
 def remark_lines(findings: Iterable[Finding]) -> list[str]:

@@ -154,7 +154,7 @@ def sensitivity_figure(
     chart = Chart(FREQUENCY, "magnitude (dB)", [*lines, *bars], True, limits=limits, y_range=(lowest, None))
     caption = "Sensitivity S and complementary sensitivity T; bars: the limits of the display file, to stay below."
     if len(loops) > len(by_load):
-        caption += " Shaded: every model of the family."
+        caption += " Shaded: every model that fits the record."
     return ReportFigure("sensitivity", "Sensitivity", caption, panels([[chart]], 4.2), table)
 
 

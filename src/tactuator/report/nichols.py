@@ -86,7 +86,7 @@ def _caption(limits: Margins, others: int) -> str:
     )
     if others:
         caption += (
-            f" Shaded: the same controller on all {others + 1} plants of the family; at the marked "
+            f" Shaded: the same controller on all {others + 1} plants (each load, each fit of the record); at the marked "
             "frequencies their convex hulls, the templates."
         )
     return caption

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
+import os
 import select
 import socket
 import time
@@ -90,6 +92,19 @@ class InProcess:
         lib.tact_simulated_board_go_on(self.simulated, self.board)
 
 
+def _not_opened(name: str, error: Any) -> tuple[str, str]:
+    """Return what is wrong with a serial port that cannot be opened, and what helps."""
+    if error.errno == errno.ENOENT:
+        ports = [port.device for port in importlib.import_module("serial.tools.list_ports").comports()]
+        there = ", ".join(sorted(ports)) or "the port of a board that is plugged in (no serial port is there)"
+        return f"there is no serial port {name!r}", f"{there}, or socket://host:port"
+    if error.errno is None:
+        what = f"it cannot be opened ({error})"
+    else:
+        what = "in use by another program" if error.errno == errno.EAGAIN else os.strerror(error.errno)
+    return f"serial port {name!r}: {what}", "a port that is free and that you may open, or socket://host:port"
+
+
 class SerialPort:
     """Bytes over pyserial's `serial_for_url`: the name of a port, with `@BAUD` behind it for another than BAUD."""
 
@@ -110,9 +125,7 @@ class SerialPort:
         except ValueError as error:
             raise BadInput(f"port {name!r} is none ({error})", "a serial port or socket://host:port") from None
         except (serial.SerialException, OSError) as error:
-            raise LinkDown(
-                f"port {name!r} cannot be opened ({error})", "one that is there and free, or socket://host:port"
-            ) from None
+            raise LinkDown(*_not_opened(name, error)) from None
 
     def send(self, content: bytes) -> None:
         """Send all bytes; raises LinkDown if the port has vanished."""

@@ -27,7 +27,7 @@ from tactuator.signals.spectra import third_octave_bands
 from tactuator.signals.systems import ContinuousSystem, SampledSystem
 from tactuator.synthesis import paper
 from tactuator.synthesis.assessment import MemberAssessment, assess, loop_report
-from tactuator.synthesis.family import Member, plant_family
+from tactuator.synthesis.family import Member, fit_words, plant_family
 from tactuator.synthesis.limits import Task
 from tactuator.synthesis.loop_synthesis import diagnosis, require_consistent, synthesise
 from tactuator.synthesis.prefilter import PrefilterFit, fit_prefilter
@@ -65,8 +65,8 @@ def design_controller(display: Display, poles: int | None = None, error_db: floa
         try:
             designed[channel.name] = design_channel(display, channel, poles, error_db, former)
         except (BadInput, NoDesign) as error:
-            # what can hardly be comes first: it is the likely reason for which nothing can be designed
-            error.got = "; ".join([*channel_reasons(channel, display.rate_hz), error.got])
+            for reason in channel_reasons(channel, display.rate_hz):
+                error.add_note(f"likely why: {reason}")
             raise
     return Controller(display, tuple(designed.values()), __version__)
 
@@ -168,13 +168,15 @@ def feedback_candidates(
     elif requirements.structure == "paper":
         yield 0.0, discretise(requirements.controller or paper.FEEDBACK, rate_hz, "bilinear")
     else:
-        require_consistent(channel, rate_hz)
+        require_consistent(channel, rate_hz, resonance_peak)
         task = Task.of(family, requirements, rate_hz, resonance_peak)
         candidates = synthesise(task, near)
         best = next(candidates, None)
         if best is None:
-            beyond = f"{channel.unknown_words}; " if channel.unknown_words else ""
-            raise NoDesign(f"channel {channel.name!r}: {beyond}{diagnosis(task)}")
+            refusal = NoDesign(f"channel {channel.name!r}: the search, which is local, found no loop within the limits")
+            for note in filter(None, (channel.unknown_words, *diagnosis(task))):
+                refusal.add_note(note)
+            raise refusal
         yield best
         yield from candidates
 
@@ -354,8 +356,7 @@ def require_suitable(channel: Channel, rate_hz: float) -> None:
     if channel.recorded is not None and channel.recorded.distrust and np.any(channel.plant.poles.real > 0.0):
         raise BadInput(f"channel {channel.name!r}: the plant grows by itself", "that of a model that is to be trusted")
     for model, plant in enumerate((channel.plant, *channel.family)):
-        whose = f" of {channel.models[model]}" if channel.models else ""
-        where = f"channel {channel.name!r}: " + ("the plant" if model == 0 else f"model {model} of the family") + whose
+        where = f"channel {channel.name!r}: the plant{fit_words(channel, model)}"
         _require_sound(plant, where, looped)
         _require_below_nyquist(plant, where, rate_hz)
     if channel.feedback.structure == "integrator-lead-lag" and np.any(channel.plant.zeros == 0.0):

@@ -40,14 +40,27 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
     """Return every model of the channel, without and under each load; the nominal unloaded plant first."""
     loads: tuple[Load | None, ...] = (None, *channel.loads)
     members = []
-    names = channel.models or ("",) * (1 + len(channel.family))
-    for model, (name, plant) in enumerate(zip(names, (channel.plant, *channel.family), strict=True)):
+    for model, plant in enumerate((channel.plant, *channel.family)):
+        name, variant = _fit(channel, model)
         for load in loads:
             loaded = channel.under(load, plant)
             sampled = discretise(loaded, rate_hz, "zoh", delay_samples)
             on = UNLOADED if load is None else load.name
-            members.append(Member(on, model, loaded, sampled, name, model - names.index(name)))
+            members.append(Member(on, model, loaded, sampled, name, variant))
     return tuple(members)
+
+
+def _fit(channel: Channel, model: int) -> tuple[str, int]:
+    """Return the name of the measured plant that a model is of, where several are named, and which of its fits it is."""
+    name = channel.models[model] if channel.models else ""
+    return name, model - (channel.models.index(name) if channel.models else 0)
+
+
+def fit_words(channel: Channel, model: int) -> str:
+    """Return which of its channel's models one is, in brackets: ` (hot, fit 2 of the record)`; empty for the first."""
+    name, variant = _fit(channel, model)
+    words = ", ".join(filter(None, (name, f"fit {variant} of the record" if variant else "")))
+    return f" ({words})" if words else ""
 
 
 _AT_ONE = 1e-9

@@ -172,8 +172,8 @@ _SLACKENED = (0.05, 0.5, 1.5)
 """dB by which a reported limit is loosened beyond the solver's answer: the first with which a design is found."""
 
 
-def diagnosis(task: Task) -> str:
-    """Return one line: the requirements that bind at the nearest miss, what it comes to, and which limits would do.
+def diagnosis(task: Task) -> list[str]:
+    """Return short lines: the requirements that bind at the nearest miss, what it comes to, and which limits would do.
 
     A limit is proposed only if the design has been tried with it, and found a loop: first each that binds alone, all
     others kept, then each kind together (all of rejection, of hum), then all.
@@ -182,7 +182,7 @@ def diagnosis(task: Task) -> str:
     misses = _sound(problem, starts(problem)[:5])
     if not misses:
         asked = ", ".join(str(limit) for limit in task.limits)
-        return f"{_NONE_FOUND} ({asked}), nor a stable loop near them; {_HELP}"
+        return [f"not even a stable loop is near them: {asked}", _HELP]
     worst = _worst_excess(problem, misses[0])
     most = max(worst.values())
     binding = [limit for limit in task.limits if worst[limit] > max(0.0, 0.9 * most)]
@@ -196,11 +196,10 @@ def diagnosis(task: Task) -> str:
     )
     wanted = ", ".join(str(limit) for limit in binding)
     reached = ", ".join(str(replace(limit, asked=limit.figure_at(worst[limit]))) for limit in binding)
-    advice = f"with all others kept, this works: {' or '.join(ways)}" if ways else _HELP
-    return f"{_NONE_FOUND}; those that bind: {wanted}; nearest miss: {reached}; {advice}"
+    advice = [f"works, all others kept: {way}" for way in ways] or [_HELP]
+    return [f"binding: {wanted}", f"nearest miss: {reached}", *advice]
 
 
-_NONE_FOUND = "the search, which is local, found no loop that meets the requirements"
 _HELP = "try looser limits of more than one kind, a higher rate, less delay, or a stiffer load"
 
 
@@ -251,8 +250,10 @@ def _tried(task: Task, excess_db: Mapping[Limit, float]) -> list[str]:
     return []
 
 
-def require_consistent(channel: Channel, rate_hz: float) -> None:
+def require_consistent(channel: Channel, rate_hz: float, resonance_peak: float) -> None:
     """Refuse requirements that no loop of this kind can keep, whatever the plant."""
+    if resonance_peak < 1.0:
+        raise BadInput(f"{resonance_peak:g}", "1 or more, which max|T| has at rest", key="resonance_peak")
     asked = channel.feedback
     where = f"channel {channel.name!r}: feedback"
     if asked.sensitivity_peak is not None and asked.sensitivity_peak <= 1.0:

@@ -74,7 +74,7 @@ def test_open__names__give_rigs_or_say_what_is_allowed():
         ("simulated:x", BadInput, "simulated:x; expected simulated, with nothing behind it"),
         ("in-process:x", BadInput, "in-process:x; expected in-process, with nothing behind it"),
         ("board", BadInput, "board: without a port; expected board:PORT"),
-        ("board:no-such-port", LinkDown, "cannot be opened"),
+        ("board:no-such-port", LinkDown, "there is no serial port 'no-such-port'; expected .*socket://host:port$"),
         ("board:nothing://known", BadInput, "is none"),
         ("board:socket://127.0.0.1:0", BadInput, "a port from 1 to 65535"),
         ("board:socket://nowhere", BadInput, "socket://host:port"),
