@@ -189,7 +189,9 @@ def test_design__plant_that_grows_of_a_model_not_to_be_trusted__is_refused_at_on
     display = of(ContinuousSystem.from_polynomials([1.0], [1.0, -94.0, 290.0]))
     (channel,) = display.channels
     channel = replace(channel, recorded=Recorded(distrust=("unstable poles, but no feedback detected",)))
-    with pytest.raises(BadInput, match=r"the plant grows by itself(.|\n)*likely why: .*not to be trusted: unstable poles"):
+    with pytest.raises(
+        BadInput, match=r"the plant grows by itself(.|\n)*likely why: .*not to be trusted: unstable poles"
+    ):
         design_controller(replace(display, channels=(channel,)))
 
 

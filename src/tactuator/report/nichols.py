@@ -86,8 +86,8 @@ def _caption(limits: Margins, others: int) -> str:
     )
     if others:
         caption += (
-            f" Shaded: the same controller on all {others + 1} plants (each load, each fit of the record); at the marked "
-            "frequencies their convex hulls, the templates."
+            f" Shaded: the same controller on all {others + 1} plants (each load, each fit of the record); at the "
+            "marked frequencies their convex hulls, the templates."
         )
     return caption
 

@@ -51,7 +51,7 @@ def plant_family(channel: Channel, rate_hz: float, delay_samples: int) -> tuple[
 
 
 def _fit(channel: Channel, model: int) -> tuple[str, int]:
-    """Return the name of the measured plant that a model is of, where several are named, and which of its fits it is."""
+    """Return whose plant a model is, where several are named, and which of the fits of its record."""
     name = channel.models[model] if channel.models else ""
     return name, model - (channel.models.index(name) if channel.models else 0)
 
