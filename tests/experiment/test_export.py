@@ -341,9 +341,9 @@ def test_export__larger_store__holds_no_more_rows_at_a_time(tmp_path, monkeypatc
     fetched, made = run_rows.plain_rows, run_rows.RunRows
 
     def counted(connection, query):
-        rows = fetched(connection, query)
+        rows = [*fetched(connection, query)]
         most[0] = max(most[0], len(rows) + sum(len(run.trials) + len(run.intervals) for run in held))
-        return rows
+        return iter(rows)
 
     def registered(*of_run):
         run = made(*of_run)

@@ -18,7 +18,6 @@ from rich.text import Text
 
 from tactuator.api.progress import Step
 from tactuator.errors import visible
-from tactuator.plain import finite
 from tactuator.result import Result, ResultTable
 
 
@@ -31,7 +30,7 @@ def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] 
     for notice in result.notices():
         sys.stderr.write(f"tactuator: {visible(notice)}\n")
     if as_json:
-        sys.stdout.write(visible(json.dumps(finite(result.to_dict()), ensure_ascii=False, allow_nan=False)) + "\n")
+        sys.stdout.write(visible(json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False)) + "\n")
         return
     console = Console(file=sys.stdout, markup=False, highlight=False)
     places = [f"written: {path}" for path in written]

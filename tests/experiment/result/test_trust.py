@@ -184,7 +184,8 @@ def test_group_curve__of_two_studies__counts_people_and_is_read_back(study, tmp_
 
 
 def delivered_level(commanded, measured, *hertz_and_level):
-    return delivered_levels([commanded], [measured], *(np.array([value]) for value in hertz_and_level)).of(0)
+    gain = delivered_levels([commanded], [measured], *(np.array([value]) for value in hertz_and_level))
+    return SimpleNamespace(offset_db=gain.offset_db.item(), sd_db=gain.sd_db.item())
 
 
 @pytest.mark.parametrize(("frequency_hz", "limit_db"), [(298.0, 0.2), (10.0, 1.0)])

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
+from math import dist, sqrt
+from statistics import fmean
 from typing import Annotated, Literal
 
 import numpy as np
@@ -189,8 +192,9 @@ class Tracks(Runs):
         """Return the mean of the last `averaged` reversals, or of mid-runs, in dB; None before it has them."""
         if self.reversals[run] < self.rule.reversals:
             return None
-        levels = self.reversal_db_sl[run, -self.rule.averaged :]
+        levels = self.reversal_db_sl[run, -self.rule.averaged :].tolist()
         if self.rule.average == "mid-runs":
-            levels = 0.5 * (levels[:-1] + levels[1:])[::2]
-        spread = float(np.std(levels, ddof=1)) if levels.size > 1 else None
-        return Estimate(float(np.mean(levels)), None, spread)
+            levels = [0.5 * (one + next_one) for one, next_one in pairwise(levels)][::2]
+        mean, others = fmean(levels), len(levels) - 1
+        spread = dist(levels, [mean] * len(levels)) / sqrt(others) if others else None
+        return Estimate(mean, None, spread)

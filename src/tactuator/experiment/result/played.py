@@ -41,10 +41,10 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     kinds = run.catch_kinds
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     flags = []
-    if inattentive(int(np.sum(~loud)), loud.size):
+    if inattentive(np.count_nonzero(~loud), loud.size):
         flags.append("attention")
     paradigm = run.protocol.paradigm
-    surprising = np.sum(~blank if paradigm.yes_no else blank)  # of one interval, who says yes to nothing
+    surprising = np.count_nonzero(~blank if paradigm.yes_no else blank)  # of one interval, who says yes to nothing
     if blank.size and scipy.stats.binom.sf(surprising - 1, blank.size, paradigm.guess) < _FALSE_ALARM_RATE:
         flags.append("attention" if paradigm.yes_no else "cue")
     return tuple(dict.fromkeys(flags))
@@ -58,17 +58,13 @@ _APART_SD, _LARGEST_SD_DB = 3.0, 3.0
 
 @dataclass(frozen=True)
 class DeliveredLevel:
-    """Gain of the display in a run, or in each of several, then arrays (runs,).
+    """Gain of the display in each of several runs, arrays (runs,).
 
     offset_db: level at the sensor above the commanded level. sd_db: its standard deviation. NaN where noise hides it.
     """
 
-    offset_db: Any
-    sd_db: Any
-
-    def of(self, run: int) -> "DeliveredLevel":
-        """Return that of one run."""
-        return DeliveredLevel(float(self.offset_db[run]), float(self.sd_db[run]))
+    offset_db: FloatArray
+    sd_db: FloatArray
 
 
 def delivered_levels(
@@ -159,22 +155,30 @@ _STEADY_VARIATION_MAX = 0.5
 """Largest standard deviation over mean of a hum's power from interval to interval; that of noise is 1."""
 
 
-def hum_is_felt(seen: StoredIntervals, frequency_hz: float, timing: Timing, threshold_db_sl: float) -> bool:
-    """Return whether hum was felt with the stimulus.
+def hum_is_felt(
+    seen: Sequence[StoredIntervals], frequency_hz: FloatArray, timing: Timing, threshold_db_sl: FloatArray
+) -> NDArray[np.bool_]:
+    """Return whether hum was felt with the stimulus of each run, (runs,).
 
     That is a line of 50 or 60 Hz mains within the bandwidth of the stimulus, and blank intervals with a steady tenth or
     more of the power of a stimulus at threshold.
     """
-    clearance = timing.clearance_hz(frequency_hz)
-    if min(abs(frequency_hz - float(nearest_mains(frequency_hz, mains))) for mains in _MAINS_HZ) >= clearance:
-        return False
+    away = np.min([np.abs(frequency_hz - nearest_mains(frequency_hz, mains)) for mains in _MAINS_HZ], axis=0)
+    felt = away < [timing.clearance_hz(hertz) for hertz in frequency_hz.tolist()]
+    for run in np.flatnonzero(felt):
+        felt[run] = _is_steady(seen[run], threshold_db_sl[run] + _FELT_RE_THRESHOLD_DB)
+    return felt
+
+
+def _is_steady(seen: StoredIntervals, least_db_sl: float) -> bool:
+    """Return whether blank intervals have a steady power of a level or more; it is not known without any."""
     blank = seen.measured_db_sl[np.isnan(seen.commanded_db_sl) & np.isfinite(seen.measured_db_sl)]
     if blank.size == 0:
         return True
     powers = from_db(blank) ** 2
     power = float(np.mean(powers))
     steady = float(np.std(powers)) < _STEADY_VARIATION_MAX * power
-    return steady and bool(10.0 * np.log10(max(power, 1e-30)) >= threshold_db_sl + _FELT_RE_THRESHOLD_DB)
+    return steady and bool(10.0 * np.log10(max(power, 1e-30)) >= least_db_sl)
 
 
 def was_simulated(group: str, run: Any) -> bool:

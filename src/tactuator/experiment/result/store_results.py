@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import hypot, isnan
 from os import PathLike
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -237,8 +239,9 @@ def _mean(measured: Sequence[MeasuredThreshold]) -> GroupLevel:
     for threshold in measured:
         of_subject.setdefault((threshold.study_number, threshold.subject), []).append(threshold)
     each = [of_subject[subject] for subject in sorted(of_subject)]
-    levels = np.array([np.mean([threshold.level_db_re_1um for threshold in mine]) for mine in each])
-    within = np.array([np.sqrt(np.nansum([threshold.sd_db**2 for threshold in mine])) / len(mine) for mine in each])
+    levels = np.array([fmean(threshold.level_db_re_1um for threshold in mine) for mine in each])
+    known = [[threshold.sd_db for threshold in mine if not isnan(threshold.sd_db)] for mine in each]
+    within = np.array([hypot(*sd_db) / len(mine) for sd_db, mine in zip(known, each, strict=True)])
     sides = [{threshold.bound for threshold in mine} - {""} for mine in each]
     row = group_level(levels, within, [BETWEEN if len(side) > 1 else "".join(side) for side in sides])
     if row.bound != BETWEEN:

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import isnan
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin_fault
@@ -19,7 +22,7 @@ from tactuator.experiment.result.played import (
     hum_is_felt,
     was_simulated,
 )
-from tactuator.experiment.store.stored_runs import NO_INTERVALS, RUNS_AT_ONCE, StoredRun, in_order, names_of
+from tactuator.experiment.store.stored_runs import NO_INTERVALS, RUNS_AT_ONCE, SATURATED, StoredRun, in_order, names_of
 from tactuator.plain import brief
 
 DOUBTFUL = frozenset({"attention", "chance", "drift", "lapses", "mains", "trial-limit"})
@@ -130,7 +133,7 @@ def fitted_parts(parts: Iterable[Sequence[StoredRun]]) -> tuple[tuple[StoredRun,
     runs, fits = list[StoredRun](), list[Fitted]()
     for part in parts:
         fits.append(fitted(part))
-        runs += [run if np.any(run.catch_kinds != "") else replace(run, intervals=NO_INTERVALS) for run in part]
+        runs += [run if np.count_nonzero(run.catch_kinds) else replace(run, intervals=NO_INTERVALS) for run in part]
     runs.sort(key=in_order)
     place = {run.run.id: index for index, run in enumerate(runs)}
     measured = sorted((each for fit in fits for each in fit.thresholds), key=lambda each: place[each.run])
@@ -194,25 +197,20 @@ def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]
     prior = refit_prior(protocol)
     fit = refit(levels, correct, prior)
     flags = run_flags(levels, correct, fit, prior)
-    fits = zip(*(column.tolist() for column in (fit.threshold_db, fit.sd_db, fit.low_db, fit.high_db)), strict=True)
-    each = zip(runs, kept, fits, strict=True)
-    known = [_Level.censored(run.levels_db_sl[mask], *of_run) for run, mask, of_run in each]
-    gains = delivered_levels(
-        [run.intervals.commanded_db_sl for run in runs],
-        [run.intervals.measured_db_sl for run in runs],
-        np.array([run.run.frequency_hz for run in runs], dtype=np.float64),
-        np.array([at.refit_db_sl for at in known]),
+    found = (fit.threshold_db, fit.sd_db, fit.low_db, fit.high_db)
+    at = _Levels.censored(np.nanmin(levels, axis=1), np.nanmax(levels, axis=1), *found)
+    seen, hertz = [run.intervals for run in runs], np.array([float(run.run.frequency_hz) for run in runs])
+    gain = delivered_levels(
+        [each.commanded_db_sl for each in seen], [each.measured_db_sl for each in seen], hertz, at.refit_db_sl
     )
+    felt = hum_is_felt(seen, hertz, protocol.timing, at.refit_db_sl).tolist()
+    power = zip(flags.lapse_power.tolist(), flags.drift.power.tolist(), strict=True)
+    points = at.points(hertz, np.array([run.curve_level_db_re_1um[0] for run in runs]), gain)
     measured = []
-    for row, (run, at) in enumerate(zip(runs, known, strict=True)):
-        seen, hertz = run.intervals, float(run.run.frequency_hz)
+    for row, (run, point, of_run) in enumerate(zip(runs, points, power, strict=True)):
         estimate, own_flags = (replayed.estimate(row), replayed.flags(row)) if run.whole else (None, ())
-        names = [*own_flags, *flags.names(row), *attention(run)]
-        if hum_is_felt(seen, hertz, protocol.timing, at.refit_db_sl):
-            names.append("mains")
-        power = (float(flags.lapse_power[row]), float(flags.drift.power[row]))
-        base = float(run.curve_level_db_re_1um[0])
-        measured.append([_threshold(run, estimate, hertz, at, gains.of(row), base, names, power)])
+        names = [*own_flags, *flags.names(row), *attention(run), *(["mains"] if felt[row] else [])]
+        measured.append([_threshold(run, estimate, point, names, of_run)])
     return measured
 
 
@@ -227,72 +225,89 @@ def played_at(run: StoredRun) -> Playable:
 
 
 @dataclass(frozen=True)
-class _Level:
-    """A threshold as commanded, held against the levels that were played; named as MeasuredThreshold has it."""
+class _Levels:
+    """Thresholds as commanded, (points,), held against the levels that were played; named as MeasuredThreshold has
+    them.
+    """
 
-    refit_db_sl: float
-    refit_sd_db: float
-    refit_low_db_sl: float
-    refit_high_db_sl: float
-    bound: str
+    refit_db_sl: FloatArray
+    refit_sd_db: FloatArray
+    refit_low_db_sl: FloatArray
+    refit_high_db_sl: FloatArray
+    bound: NDArray[np.str_]
 
     @classmethod
-    def censored(cls, played_db_sl: FloatArray, level: float, sd: float, low: float, high: float) -> "_Level":
-        least, most = float(played_db_sl.min()), float(played_db_sl.max())
-        bound = ">=" if level > most else "<=" if level < least else ""
-        level = float(np.clip(level, least, most))
-        low = -np.inf if bound == "<=" or low < least - ALIKE_DB else min(low, level)
-        high = np.inf if bound == ">=" or high > most + ALIKE_DB else max(high, level)
-        return cls(level, np.nan if bound else sd, low, high, bound)
+    def censored(
+        cls, least: ArrayLike, most: ArrayLike, level: FloatArray, sd: FloatArray, low: FloatArray, high: FloatArray
+    ) -> "_Levels":
+        bound = np.where(level > most, ">=", np.where(level < least, "<=", ""))
+        level = np.clip(level, least, most)
+        low = np.where((bound == "<=") | (low < np.subtract(least, ALIKE_DB)), -np.inf, np.minimum(low, level))
+        high = np.where((bound == ">=") | (high > np.add(most, ALIKE_DB)), np.inf, np.maximum(high, level))
+        return cls(level, np.where(bound == "", sd, np.nan), low, high, bound)
+
+    def points(self, frequency_hz: FloatArray, base: FloatArray, gain: DeliveredLevel) -> list[dict[str, Any]]:
+        """Return the fields of each MeasuredThreshold that follow from its level, with the displacement.
+
+        base: level of 0 dB SL at the sensor.
+        """
+        known = ~np.isnan(gain.offset_db)
+        shift, shift_sd = np.where(known, gain.offset_db, 0.0), np.where(known, gain.sd_db, 0.0)
+        level, spare = base + shift + self.refit_db_sl, _NORMAL_95 * shift_sd
+        columns = {
+            "frequency_hz": frequency_hz,
+            **vars(self),
+            "delivered_db": gain.offset_db,
+            "delivered_sd_db": gain.sd_db,
+            "level_db_re_1um": level,
+            "level_low_db_re_1um": level - np.hypot(self.refit_db_sl - self.refit_low_db_sl, spare),
+            "level_high_db_re_1um": level + np.hypot(self.refit_high_db_sl - self.refit_db_sl, spare),
+            "sd_db": np.hypot(self.refit_sd_db, shift_sd),
+        }
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def _whole_curve(run: StoredRun) -> list[MeasuredThreshold]:
     seen, placed = run.intervals, run.catch_kinds != "blank"
     if not placed.any():
         raise BadInput(f"run {run.run.id} has no trial of its procedure", "a run with trials")
-    trial = np.arange(seen.saturated.size) // max(seen.saturated.size // max(run.correct.size, 1), 1)
+    trial = np.arange(seen.kind.size) // max(seen.kind.size // max(run.correct.size, 1), 1)
     levels, procedure = run.levels_db_sl[placed], run.protocol.procedure
     trials = run.frequency_hz[placed], levels, run.correct[placed]
     curve = procedure.curve(run.protocol.paradigm.guess, played_at(run), *trials)
     order = np.argsort(run.frequency_hz, kind="stable")
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
     names, power = [*curve.flags, *attention(run)], (None, curve.drift_power)
-    figures = zip(*(column.tolist() for column in (curve.mean, curve.sd, curve.low, curve.high)), strict=True)
-    known = [_Level.censored(levels, *of_point) for of_point in figures]
+    at = _Levels.censored(levels.min(), levels.max(), curve.mean, curve.sd, curve.low, curve.high)
     near = np.abs(np.log10(run.frequency_hz / curve.frequency_hz[:, None]))[:, trial] <= _NEAR_DECADES
-    gains = delivered_levels(
+    gain = delivered_levels(
         [seen.commanded_db_sl[of_point] for of_point in near],
         [seen.measured_db_sl[of_point] for of_point in near],
         curve.frequency_hz,
-        np.array([at.refit_db_sl for at in known]),
+        at.refit_db_sl,
         _NEAR_DB,
     )
-    measured = []
-    for point, (hertz, zero, at) in enumerate(zip(curve.frequency_hz.tolist(), base.tolist(), known, strict=True)):
-        threshold = _threshold(run, None, hertz, at, gains.of(point), zero, names, power)
-        measured.append(replace(threshold, notch_trials=int(curve.notch_trials[point])))
-    return measured
+    points = zip(at.points(curve.frequency_hz, base, gain), curve.notch_trials.tolist(), strict=True)
+    return [_threshold(run, None, point | {"notch_trials": notch}, names, power) for point, notch in points]
 
 
 def _threshold(
-    run: StoredRun, estimate: Estimate | None, frequency_hz: float, at: _Level, gain: DeliveredLevel, base: float,
-    names: Sequence[str], power: tuple[float | None, float | None],
+    run: StoredRun, estimate: Estimate | None, point: dict[str, Any], names: Sequence[str],
+    power: tuple[float | None, float | None],
 ) -> MeasuredThreshold:  # fmt: skip
-    """Return a threshold with its displacement; base: level of 0 dB SL, names: flags beside those of the playing."""
-    known = not np.isnan(gain.offset_db)
+    """Return a threshold; point: its fields as `_Levels.points` has them, names: flags beside those of the playing."""
+    own_level = None if estimate is None else point["level_db_re_1um"] + estimate.level_db_sl - point["refit_db_sl"]
     playing = {
-        "out-of-range": bool(at.bound),
-        "saturated": run.intervals.saturated.any(),
-        "delivered-unknown": not known,
+        "out-of-range": bool(point["bound"]),
+        "saturated": np.bitwise_or.reduce(run.intervals.kind) & SATURATED,
+        "delivered-unknown": isnan(point["delivered_db"]),
         "void": run.void,
     }
-    shift, shift_sd = (gain.offset_db, gain.sd_db) if known else (0.0, 0.0)
-    level, spare = base + shift + at.refit_db_sl, _NORMAL_95 * shift_sd
     return MeasuredThreshold(
         subject=run.session.subject_code,
         group=run.session.subject_group,
         finger=run.run.finger,
-        frequency_hz=frequency_hz,
         procedure=run.run.procedure,
         run=run.run.id,
         trials=run.correct.size,
@@ -300,14 +315,8 @@ def _threshold(
         own_db_sl=None if estimate is None else estimate.level_db_sl,
         own_standard_error_db=None if estimate is None else estimate.standard_error_db,
         reversal_spread_db=None if estimate is None else estimate.reversal_spread_db,
-        **vars(at),
-        delivered_db=gain.offset_db,
-        delivered_sd_db=gain.sd_db,
-        own_level_db_re_1um=None if estimate is None else base + shift + estimate.level_db_sl,
-        level_db_re_1um=level,
-        level_low_db_re_1um=level - float(np.hypot(at.refit_db_sl - at.refit_low_db_sl, spare)),
-        level_high_db_re_1um=level + float(np.hypot(at.refit_high_db_sl - at.refit_db_sl, spare)),
-        sd_db=float(np.hypot(at.refit_sd_db, shift_sd)),
+        own_level_db_re_1um=own_level,
+        **point,
         curve=run.run.curve,
         flags=tuple(sorted({*names, *(name for name, true in playing.items() if true)})),
         lapse_power=power[0],

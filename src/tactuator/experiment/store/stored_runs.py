@@ -18,7 +18,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Connection, Integer, Select, literal_column, select
 
 from tactuator.arrays import FloatArray
@@ -71,11 +71,11 @@ def selected(table: str, *names: str) -> list[ColumnElement[Any]]:
     return [literal_column(by_name[name]).label(name) for name in names or by_name]
 
 
-def plain_rows(connection: Connection, query: Select[Any]) -> Sequence[Sequence[Any]]:
-    """Return the rows as the driver's own cursor has them: a Row for each of millions took as long as SQLite."""
+def plain_rows(connection: Connection, query: Select[Any]) -> Iterator[Sequence[Any]]:
+    """Yield the rows as the driver's own cursor has them: a Row for each of millions took as long as SQLite."""
     cursor = connection.execute(query).cursor
     assert cursor is not None
-    return cursor.fetchall()
+    return iter(cursor)
 
 
 def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
@@ -97,25 +97,25 @@ RUNS_AT_ONCE = 1024
 """Runs whose trials are played through anew before any of them is let go: a million trials would take up 100 MB."""
 _RUNS = 256
 """Runs that are read at once."""
-_TONE, _LOUD, _SATURATED = 1, 2, 4
+TONE, LOUD_TONE, SATURATED = 1, 2, 4
+_CATCH_KINDS = np.array(["blank", "", "loud", "loud"])
+"""Kinds of trials whose intervals have neither, TONE, LOUD_TONE, or both."""
 
 
 @dataclass(frozen=True, eq=False)
 class StoredIntervals:
     """Intervals of all trials of a run, as many of each; arrays (intervals,).
 
-    is_tone, is_loud: True where a stimulus of that label was. commanded_db_sl, measured_db_sl: NaN without one.
-    saturated: True where a converter was.
+    kind: bits of what each had: TONE and LOUD_TONE, a stimulus of that label; SATURATED, a saturated converter.
+    commanded_db_sl, measured_db_sl: NaN without one.
     """
 
-    is_tone: NDArray[np.bool_]
-    is_loud: NDArray[np.bool_]
+    kind: NDArray[np.uint8]
     commanded_db_sl: FloatArray
     measured_db_sl: FloatArray
-    saturated: NDArray[np.bool_]
 
 
-NO_INTERVALS = StoredIntervals(*(np.zeros(0, dtype) for dtype in (bool, bool, float, float, bool)))
+NO_INTERVALS = StoredIntervals(np.zeros(0, np.uint8), np.zeros(0), np.zeros(0))
 """Those of a run that has none, or whose intervals are not needed any more."""
 
 
@@ -146,12 +146,12 @@ class StoredRun:
     @cached_property
     def catch_kinds(self) -> NDArray[np.str_]:
         """Return the kind of each trial, shape (trials,): "loud", "blank", or "" where the procedure placed it."""
-        trials, seen = self.correct.size, self.intervals
-        each = seen.saturated.size // max(trials, 1)
+        trials, kind = self.correct.size, self.intervals.kind
+        each = kind.size // max(trials, 1)
         if each == 0:
             return np.full(trials, "", dtype="<U5")
-        loud, tone = (of[: trials * each].reshape(trials, each).any(axis=1) for of in (seen.is_loud, seen.is_tone))
-        return np.where(loud, "loud", np.where(tone, "", "blank"))
+        of_trials = np.bitwise_or.reduce(kind[: trials * each].reshape(trials, each), axis=1)
+        return _CATCH_KINDS[of_trials & (TONE | LOUD_TONE)]
 
 
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
@@ -211,13 +211,9 @@ def _trials_of(
     for first in range(0, len(runs), _RUNS):
         part = runs[first : first + _RUNS]
         trials, intervals = (read(connection, part, usable) for read in (_trials, _intervals))
-        for row in part:
-            kind, commanded, measured = intervals.of(row.id)
-            frequency_hz, level, base, correct = trials.of(row.id)
+        for row, (frequency_hz, level, base, correct), seen in zip(part, trials, intervals, strict=True):
             if correct.size:
-                tone, loud, saturated = ((kind & bit) != 0 for bit in (_TONE, _LOUD, _SATURATED))
-                seen = StoredIntervals(tone, loud, commanded, measured, saturated)
-                yield row, (frequency_hz, level, base, correct, seen)
+                yield row, (frequency_hz, level, base, correct, StoredIntervals(*seen))
 
 
 def _done(store: Store, paradigm: str, session: int | None, group: str | None) -> list[ColumnElement[bool]]:
@@ -237,50 +233,46 @@ def _none(store: Store, session: int | None, group: str | None, what: str) -> Ba
     return BadInput(f"{where} has no {what}{of_group}", "one with at least one")
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of many runs, sorted by run: its id in each row, and columns (rows,)."""
-
-    run: NDArray[np.int64]
-    columns: tuple[NDArray[Any], ...]
-
-    @classmethod
-    def read(cls, connection: Connection, query: Select[Any], types: Sequence[DTypeLike]) -> _Rows:
-        """Read the query's rows of numbers, the run's id first; a cell without a value is NaN."""
-        cells = np.fromiter(chain.from_iterable(plain_rows(connection, query)), np.float64)
-        cells = cells.reshape(-1, 1 + len(types))
-        columns = (cells[:, place].astype(of) for place, of in enumerate((np.int64, *types)))
-        run, *others = columns
-        return cls(run, tuple(others))
-
-    def of(self, run: int) -> tuple[NDArray[Any], ...]:
-        mine = slice(*np.searchsorted(self.run, [run, run + 1]))
-        return tuple(column[mine] for column in self.columns)
+_Columns = Iterator[tuple[NDArray[Any], ...]]
 
 
-def _trials(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Rows:
-    """Return the runs' trials that were answered: frequency, level, the curve's level, and whether it was right."""
+def _trials(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Columns:
+    """Yield, of each run, its answered trials: frequency, level, the curve's level, and whether it was right."""
     wanted = selected("trials", "frequency_hz", "level_db_sl", "curve_level_db_re_1um", "correct")
-    query = _of(select(_RUN, *wanted).select_from(_ANSWERED).where(usable.trials), runs)
-    return _Rows.read(connection, query, (np.float64, np.float64, np.float64, np.bool_))
+    query = select(_RUN, *wanted).select_from(_ANSWERED).where(usable.trials)
+    run, *levels, correct = _read(connection, query, runs)
+    return _by_run(runs, run, (*levels, correct.astype(np.bool_)))
 
 
-def _intervals(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Rows:
-    """Return the intervals of the runs' trials: bits of what each was, commanded and measured level."""
+def _intervals(connection: Connection, runs: Sequence[Found], usable: schema.Usable) -> _Columns:
+    """Yield, of each run, the columns of StoredIntervals."""
     names = ("stimulus", "saturated", "commanded_db_sl", "measured_db_sl")
     stimulus, saturated, *levels = selected("intervals", *names)
     kind = (
-        _TONE * (stimulus == SIGNAL).cast(Integer)
-        + _LOUD * (stimulus == LOUD).cast(Integer)
-        + _SATURATED * saturated.cast(Integer)
+        TONE * (stimulus == SIGNAL).cast(Integer)
+        + LOUD_TONE * (stimulus == LOUD).cast(Integer)
+        + SATURATED * saturated.cast(Integer)
     )
-    query = _of(select(_RUN, kind, *levels).select_from(_ANSWERED.join(schema.interval)).where(usable.trials), runs)
-    return _Rows.read(connection, query.order_by(schema.interval.c.position), (np.uint8, np.float64, np.float64))
+    query = select(_RUN, kind, *levels).select_from(_ANSWERED.join(schema.interval)).where(usable.trials)
+    run, kinds, *levels_db_sl = _read(connection, query, runs, schema.interval.c.position)
+    return _by_run(runs, run, (kinds.astype(np.uint8), *levels_db_sl))
 
 
-def _of(query: Select[Any], runs: Sequence[Found]) -> Select[Any]:
-    """Return the part of a query that is of these runs, by run and trial."""
-    return query.where(_RUN.in_([row.id for row in runs])).order_by(_RUN, schema.trial.c.number)
+def _read(
+    connection: Connection, query: Select[Any], runs: Sequence[Found], *by: ColumnElement[Any]
+) -> list[FloatArray]:
+    """Return the query's columns of numbers, (rows,), of these runs by run and trial; NaN: without a value."""
+    wanted = query.where(_RUN.in_([row.id for row in runs])).order_by(_RUN, schema.trial.c.number, *by)
+    cells = np.fromiter(chain.from_iterable(plain_rows(connection, wanted)), np.float64)
+    return [column.copy() for column in cells.reshape(-1, len(query.selected_columns)).T]
+
+
+def _by_run(runs: Sequence[Found], run: FloatArray, columns: Sequence[NDArray[Any]]) -> _Columns:
+    """Yield, of each run, its part of the columns, (rows,); run: that of each row, in order."""
+    wanted = np.array([row.id for row in runs])
+    ends = (np.searchsorted(run, wanted, side).tolist() for side in ("left", "right"))
+    for first, after in zip(*ends, strict=True):
+        yield tuple(column[first:after] for column in columns)
 
 
 _RUN = schema.trial.c.run_id
