@@ -41,7 +41,7 @@ def attention(run: StoredRun) -> tuple[str, ...]:
     kinds = run.catch_kinds
     loud, blank = run.correct[kinds == "loud"], run.correct[kinds == "blank"]
     flags = []
-    if inattentive(np.count_nonzero(~loud), loud.size):
+    if inattentive(int(np.count_nonzero(~loud)), loud.size):
         flags.append("attention")
     paradigm = run.protocol.paradigm
     surprising = np.count_nonzero(~blank if paradigm.yes_no else blank)  # of one interval, who says yes to nothing
@@ -164,8 +164,8 @@ def hum_is_felt(
     more of the power of a stimulus at threshold.
     """
     away = np.min([np.abs(frequency_hz - nearest_mains(frequency_hz, mains)) for mains in _MAINS_HZ], axis=0)
-    felt = away < [timing.clearance_hz(hertz) for hertz in frequency_hz.tolist()]
-    for run in np.flatnonzero(felt):
+    felt = np.asarray(away < [timing.clearance_hz(hertz) for hertz in frequency_hz.tolist()])
+    for run in np.flatnonzero(felt).tolist():
         felt[run] = _is_steady(seen[run], threshold_db_sl[run] + _FELT_RE_THRESHOLD_DB)
     return felt
 

@@ -6,7 +6,7 @@ from math import isnan
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin_fault
@@ -238,12 +238,12 @@ class _Levels:
 
     @classmethod
     def censored(
-        cls, least: ArrayLike, most: ArrayLike, level: FloatArray, sd: FloatArray, low: FloatArray, high: FloatArray
+        cls, least: FloatArray, most: FloatArray, level: FloatArray, sd: FloatArray, low: FloatArray, high: FloatArray
     ) -> "_Levels":
         bound = np.where(level > most, ">=", np.where(level < least, "<=", ""))
         level = np.clip(level, least, most)
-        low = np.where((bound == "<=") | (low < np.subtract(least, ALIKE_DB)), -np.inf, np.minimum(low, level))
-        high = np.where((bound == ">=") | (high > np.add(most, ALIKE_DB)), np.inf, np.maximum(high, level))
+        low = np.where((bound == "<=") | (low < least - ALIKE_DB), -np.inf, np.minimum(low, level))
+        high = np.where((bound == ">=") | (high > most + ALIKE_DB), np.inf, np.maximum(high, level))
         return cls(level, np.where(bound == "", sd, np.nan), low, high, bound)
 
     def points(self, frequency_hz: FloatArray, base: FloatArray, gain: DeliveredLevel) -> list[dict[str, Any]]:
@@ -279,7 +279,7 @@ def _whole_curve(run: StoredRun) -> list[MeasuredThreshold]:
     order = np.argsort(run.frequency_hz, kind="stable")
     base = np.interp(np.log(curve.frequency_hz), np.log(run.frequency_hz[order]), run.curve_level_db_re_1um[order])
     names, power = [*curve.flags, *attention(run)], (None, curve.drift_power)
-    at = _Levels.censored(levels.min(), levels.max(), curve.mean, curve.sd, curve.low, curve.high)
+    at = _Levels.censored(np.min(levels), np.max(levels), curve.mean, curve.sd, curve.low, curve.high)
     near = np.abs(np.log10(run.frequency_hz / curve.frequency_hz[:, None]))[:, trial] <= _NEAR_DECADES
     gain = delivered_levels(
         [seen.commanded_db_sl[of_point] for of_point in near],
