@@ -15,7 +15,7 @@ from functools import cached_property
 from importlib.resources import files
 from itertools import chain, groupby
 from operator import attrgetter
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,9 +73,7 @@ def selected(table: str, *names: str) -> list[ColumnElement[Any]]:
 
 def plain_rows(connection: Connection, query: Select[Any]) -> Iterator[Sequence[Any]]:
     """Yield the rows as the driver's own cursor has them: a Row for each of millions took as long as SQLite."""
-    cursor = connection.execute(query).cursor
-    assert cursor is not None
-    return iter(cursor)
+    return iter(cast(Iterable[Sequence[Any]], connection.execute(query).cursor))
 
 
 def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
@@ -151,7 +149,7 @@ class StoredRun:
         if each == 0:
             return np.full(trials, "", dtype="<U5")
         of_trials = np.bitwise_or.reduce(kind[: trials * each].reshape(trials, each), axis=1)
-        return _CATCH_KINDS[of_trials & (TONE | LOUD_TONE)]
+        return np.asarray(_CATCH_KINDS[of_trials & (TONE | LOUD_TONE)])
 
 
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
