@@ -130,6 +130,31 @@ def test_discretise__random_plants__step_responses_meet_at_the_samples(poles, ze
     np.testing.assert_allclose(here, exact, rtol=1e-5, atol=1e-7 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_sections__random_roots__pair_as_scipy_pairs_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+
+    def roots(count: int) -> list[complex]:
+        pairs = [
+            rng.uniform(0.3, 1.1) * np.exp(1j * rng.uniform(0.0, np.pi)) for _ in range(rng.integers(count // 2 + 1))
+        ]
+        real = rng.uniform(-1.0, 1.2, count - 2 * len(pairs)).tolist()
+        return [*pairs, *np.conj(pairs), *real]
+
+    poles = rng.integers(1, 9)
+    system = SampledSystem(roots(rng.integers(poles + 1)), roots(poles), rng.uniform(-2.0, 2.0), 1000.0)
+    expected = signal.zpk2sos(system.zeros, system.poles, system.gain)
+    frequency = rng.uniform(1.0, 400.0, 20)
+    here = system.sections()
+    np.testing.assert_allclose(here[:, 3:], expected[:, 3:], rtol=1e-12, atol=1e-14)
+    missing = poles - system.zeros.size  # zeros at the origin are delays of the whole cascade
+    late = np.exp(-2j * np.pi * missing * frequency / 1000.0)
+    then = sections_response(expected, frequency, 1000.0) * late
+    np.testing.assert_allclose(sections_response(here, frequency, 1000.0), then, rtol=1e-9)
+    if missing == 0:
+        np.testing.assert_allclose(here, expected, rtol=1e-12, atol=1e-14)
+
+
 def test_discretise__fractional_dead_time__shifts_the_step_response() -> None:
     late = ContinuousSystem(MOTOR.zeros, MOTOR.poles, MOTOR.gain, 2.3 / 4000.0)
     sampled = discretise(late, 4000.0, "zoh")

@@ -326,7 +326,7 @@ def least_gain(open_loop: System) -> float:
     return float(10.0 ** (_gain_margins(open_loop)[1] / 20.0))
 
 
-_FACTOR, _NARROW, _INTERVALS_MAX = 1.5, 1e-8, 50_000
+_FACTOR, _PARTS, _NARROW, _INTERVALS_MAX = 1.5, 16, 1e-8, 50_000
 _AT_REST, _STEP = 1e-9, 0.1
 """Radians by which a phase changes at one point only where a root lies on the edge of stability."""
 
@@ -336,7 +336,7 @@ def phase_crossovers_hz(open_loop: System) -> FloatArray:
 
     The phase of every root's factor rises or falls with frequency throughout: along s = j v, or v = tan(w / 2) of a
     sampled loop (z = (1 + jv)/(1 - jv)). What rises and what falls bounds the phase between two frequencies. An
-    interval whose bounds hold no odd multiple of pi holds no crossover; any other is halved until it is narrow.
+    interval whose bounds hold no odd multiple of pi holds no crossover; any other is divided until it is narrow.
     """
     zeros, poles, gain = open_loop.zeros, open_loop.poles, open_loop.gain
     roots, signs = np.concatenate([zeros, poles]), np.repeat([1.0, -1.0], [zeros.size, poles.size])
@@ -379,16 +379,14 @@ def _crossed(
         return angles[:, rises].sum(axis=1), angles[:, ~rises].sum(axis=1) + v * delay
 
     low = 1e-6 * min(top, 1.0 / float(np.max(np.abs(factors), initial=1.0 / top)))
-    edges = np.geomspace(low, top, 2 + int(np.log(top / low) / np.log(_FACTOR)))
-    before, after = edges[:-1], edges[1:]
+    edges = np.geomspace(low, top, 2 + int(np.log(top / low) / np.log(_FACTOR)))[None]
     while True:
-        (up, up_after), (down, down_after) = (np.split(of, 2) for of in turns(np.concatenate([before, after])))
-        least, most = up - down_after - goal, up_after - down - goal
+        up, down = (of.reshape(edges.shape) for of in turns(edges.ravel()))
+        least, most = up[:, :-1] - down[:, 1:] - goal, up[:, 1:] - down[:, :-1] - goal
         holds = np.floor(most / (2.0 * np.pi)) >= np.ceil(least / (2.0 * np.pi))
-        before, after = before[holds], after[holds]
+        before, after = edges[:, :-1][holds], edges[:, 1:][holds]
         if before.size == 0 or before.size > _INTERVALS_MAX or after[0] < before[0] * (1.0 + _NARROW):
             jumps = (most - least)[holds] > _STEP
             places = np.sqrt(before * after)[~jumps]
             return np.append(places, 0.0) if start < 0.0 and at_rest.size == 0 else places
-        middle = np.sqrt(before * after)
-        before, after = np.concatenate([before, middle]), np.concatenate([middle, after])
+        edges = np.geomspace(before, after, _PARTS + 1, axis=1)

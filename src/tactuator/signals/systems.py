@@ -16,7 +16,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
@@ -82,6 +81,8 @@ def section_roots(c0: float, c1: float, c2: float) -> ComplexArray:
     return np.array([1.0 + far, 1.0 + near], dtype=np.complex128)
 
 
+_ON_AXIS = 2e-14
+"""Imaginary part of a real root, over its size: rounding."""
 _CANNOT_COMBINE = "{left} and {right} cannot be combined; expected two systems of the same kind of time and rate"
 Quotient = tuple[ComplexArray, ComplexArray]
 
@@ -115,6 +116,23 @@ def _polynomial(values: ArrayLike, name: str) -> FloatArray:
 
 def _expanded(roots: ComplexArray) -> FloatArray:
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)
+
+
+def _one_of_each_pair(roots: ComplexArray, count: int) -> ComplexArray:
+    """Return the roots above the real axis, then the real ones, with zeros up to the roots of `count` sections."""
+    is_real = np.abs(roots.imag) <= _ON_AXIS * np.abs(roots)
+    pairs, real = np.sort_complex(roots[~is_real & (roots.imag > 0.0)]), roots[is_real].real
+    return np.concatenate([pairs, np.sort(np.append(real, np.zeros(2 * (count - pairs.size) - real.size)))])
+
+
+def _two_nearest(roots: ComplexArray, apart: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return the root least far `apart` with its conjugate, or with the next real one, and the other roots."""
+    order = np.argsort(apart, kind="stable")
+    nearest = order[:1]
+    if roots[nearest[0]].imag > 0.0:
+        return np.append(roots[nearest], roots[nearest].conj()), np.delete(roots, nearest)
+    nearest = order[roots[order].imag == 0.0][:2]
+    return roots[nearest], np.delete(roots, nearest)
 
 
 def _delayed(sos: FloatArray, samples: int) -> FloatArray:
@@ -263,11 +281,22 @@ class SampledSystem(_System):
         return cls(zeros, poles, float(gain), rate_hz, delay_samples)
 
     def sections(self) -> FloatArray:
-        """Return the second-order sections, shape (n, 6), of a proper system without its delay."""
+        """Return the second-order sections, shape (n, 6), of a proper system without its delay: the poles nearest the
+        unit circle last, each with the zeros nearest it.
+
+        As `scipy.signal.zpk2sos`, whose package takes a second to import.
+        """
         if not self.is_proper:
             raise BadInput(f"a system of {self.zeros.size} zeros and {self.poles.size} poles has no causal sections")
-        sos = np.asarray(scipy.signal.zpk2sos(self.zeros, self.poles, self.gain))
-        return _delayed(sos, self.poles.size - self.zeros.size)
+        count = max(1, -(-self.poles.size // 2))
+        poles, zeros = _one_of_each_pair(self.poles, count), _one_of_each_pair(self.zeros, count)
+        sections = np.empty((count, 6))
+        for row in sections[::-1]:
+            nearest_one, poles = _two_nearest(poles, np.abs(1.0 - np.abs(poles)))
+            nearest_it, zeros = _two_nearest(zeros, np.abs(zeros - nearest_one[0]))
+            row[:] = np.append(np.poly(nearest_it).real, np.poly(nearest_one).real)
+        sections[0, :3] *= self.gain
+        return _delayed(sections, self.poles.size - self.zeros.size)
 
     def fraction(self, frequency_hz: ArrayLike) -> Quotient:
         """Return the numerator (with gain and delay) and denominator of the response: finite even where a pole lies."""
