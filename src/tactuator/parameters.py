@@ -35,6 +35,7 @@ from typing import (
 
 import numpy as np
 from annotated_types import GroupedMetadata
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, ConfigDict, Field, InstanceOf, PlainValidator, Strict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as validated
 from pydantic.fields import FieldInfo
@@ -393,6 +394,8 @@ _LEAVES: dict[Any, Any] = {
 def _argument(hint: Any, limits: Sequence[Any] = ()) -> Any:
     """Return a type as pydantic holds an argument to it: nothing is converted, and of a class only instances go."""
     origin, inner = get_origin(hint), get_args(hint)
+    if hint == ArrayLike:
+        return Any
     if origin in (Union, UnionType):
         names_a_path = any(get_origin(member) is PathLike for member in inner)
         members = [member for member in inner if not (names_a_path and member is str)]

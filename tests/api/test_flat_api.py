@@ -126,6 +126,7 @@ def test_names__at_most_42__all_there_as_the_types_and_help_say_and_light_to_imp
             "calibrate_sensor((['a'] * 4, [1.0, 2.0, 3.0, 4.0]))",
             "pairs is ['a', 'a', 'a', 'a']; it must be real numbers",
         ),
+        ("read_controller(None)", "read_controller: path is None; it must be the path of a file"),
     ],
 )
 def test_verb__argument_of_another_kind_or_out_of_bounds__says_what_is_allowed(known, call: str, words: str):
@@ -311,3 +312,26 @@ def test_curves__with_one_of_ones_own__stand_beside_each_other(tmp_path: Path, r
 def test_call__misspelt__names_what_was_likely_meant(call, words: str) -> None:
     with pytest.raises((BadInput, TypeError), match=words):
         call()
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        *((f"{of}({value})", f"frequency_hz is {got}; it must be numbers from 0 to 2000 Hz, half the sampling rate")
+          for of in ("loop.sensitivity", "loop.open_response", "loop.plant.response")
+          for value, got in (("None", "None"), ("-1", "-1"), ("[1.0, 2001.0]", "2001"), ("'10'", "'10'"))),
+        *((f"{of}({value})", f"frequency_hz is {got}; it must be numbers of 0 Hz or more")
+          for of in ("channel.threshold_voltage", "channel.plant.response", "channel.threshold.curve.displacement_mm")
+          for value, got in (("None", "None"), ("[-1]", "-1"), ("np.inf", "inf"))),
+        ("controller.write(None)", "ControllerResult.write: path is None; it must be the path of a file"),
+        ("controller.loop(3)", "ControllerResult.loop: channel is 3; it must be a text"),
+        ("rig.load('controller.json')", "controller is 'controller.json'; it must be a controller"),
+        ("rig.drive(None)", "command is None; expected real numbers, (samples, 3)"),
+    ],
+)  # fmt: skip
+def test_method__frequency_path_or_controller_amiss__is_refused_by_its_name(known, call: str, words: str) -> None:
+    controller = known["controller"]
+    channel = controller.display.channels[0]
+    names = {**known, "channel": channel, "loop": controller.loop(channel.name)}
+    with pytest.raises(tt.BadInput, match=f"^{re.escape(words)}"):
+        eval(call, names)

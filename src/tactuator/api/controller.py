@@ -20,7 +20,7 @@ from tactuator.io.text import read_content
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.verdict import Verdict
-from tactuator.parameters import HIGHEST_RATE_HZ
+from tactuator.parameters import HIGHEST_RATE_HZ, checked
 from tactuator.result import Fact, Result, ResultTable, found
 from tactuator.rig.open import acknowledge_faults
 from tactuator.runtime.image import ImageRefusal, check_image, read_image_header
@@ -220,6 +220,7 @@ class ImageResult(Result):
     def holds(self) -> bool:
         return self.is_of_controller is not False
 
+    @checked
     def write(self, path: Place) -> None:
         """Write the image, whole or not at all."""
         with atomic_path(path) as beside:

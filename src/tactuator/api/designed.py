@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 
 from tactuator import report
 from tactuator.api.parameters import Place
-from tactuator.arrays import ComplexArray
+from tactuator.arrays import ComplexArray, frequencies
 from tactuator.errors import BadInput
 from tactuator.io.controller import write_controller
 from tactuator.measure.error import expected_response
 from tactuator.model.controller import Controller
 from tactuator.model.description import Display
 from tactuator.model.verdict import Verdict
+from tactuator.parameters import checked
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.report.printed import design_rows, printed_factors
 from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, ResultTable, found, in_a_line
@@ -39,6 +40,7 @@ class ControllerResult(Result, Controller):
         """Return a controller with its verdict, response and file, which rooms below the model do not know."""
         return cls(**{field.name: getattr(controller, field.name) for field in fields(controller)})
 
+    @checked
     def on(self, display: Display) -> Self:
         """Return the controller on another display. Raises BadInput for one that it cannot run."""
         self.require_runs(display)
@@ -112,10 +114,12 @@ class ControllerResult(Result, Controller):
         tolerance, label = self.display.objectives.flatness_db, "felt minus asked, by the model (dB)"
         return Chart(FREQUENCY, label, curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
+    @checked
     def response(self, channel: str, frequency_hz: ArrayLike, load: str | None = None) -> ComplexArray:
         """Return the volts of y per threshold unit that the model expects of a channel, (m,); load: None for free."""
-        return expected_response(self, channel, load, np.asarray(frequency_hz, dtype=np.float64))
+        return expected_response(self, channel, load, frequencies(frequency_hz))
 
+    @checked
     def loop(self, channel: str, load: str | None = None) -> FeedbackLoop:
         """Return the sampled feedback loop of a channel, free or under a load; computing delay and hold included.
 
@@ -128,24 +132,29 @@ class ControllerResult(Result, Controller):
         plant = described.loaded_plant(None if load is None else described.load(load))
         return FeedbackLoop(feedback, discretise(plant, self.rate_hz, "zoh", self.display.delay_samples))
 
+    @checked
     def margins(self, channel: str, load: str | None = None) -> Margins:
         """Return crossover, margins and peaks of a channel's loop. Raises BadInput for a channel without a loop."""
         return margins(self.loop(channel, load))
 
+    @checked
     def bode(self, channel: str) -> Any:
         """Return a matplotlib figure of magnitude and phase of a channel's P, C, C P and F."""
         return report.design_figures.drawn(self, channel, "bode")
 
+    @checked
     def step(self, channel: str) -> Any:
         """Return a matplotlib figure: the step of a channel's closed loop, by load. Raises BadInput without a loop."""
         self.loop(channel)
         return report.design_figures.drawn(self, channel, "step")
 
+    @checked
     def nichols(self, channel: str) -> Any:
         """Return a matplotlib figure: a channel's open loop on the Nichols chart. Raises BadInput without a loop."""
         self.loop(channel)
         return report.design_figures.drawn(self, channel, "nichols")
 
+    @checked
     def write(self, path: Place) -> None:
         """Write the controller file, whole or not at all."""
         write_controller(Path(path), self)

@@ -55,6 +55,7 @@ from tactuator.measure.options import (
 from tactuator.measure.response import check_frequencies, multisine_played, multisine_response, stepped_sine
 from tactuator.model.controller import Controller
 from tactuator.model.verdict import Verdict
+from tactuator.parameters import checked
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.plain import picked
 from tactuator.result import Chart, ChartLine, Column, Fact, Result, ResultTable, columns_of, data, found, text_table
@@ -295,6 +296,7 @@ class MeasuredResponses(Result):
         tolerance = self.controller.display.objectives.flatness_db
         return Chart("frequency (Hz)", "felt level (dB SL)", curves, True, targets, tolerance, AMPLITUDE_JND_DB)
 
+    @checked
     def write(self, path: Place) -> None:
         """Write the responses as .h5 or .csv."""
         write_responses(Path(path), self.responses)

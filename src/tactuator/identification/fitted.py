@@ -14,6 +14,7 @@ from tactuator.identification.fixed_values import FixedAgainstOwn
 from tactuator.io.atomic import write_text
 from tactuator.io.model import identified_text
 from tactuator.model.plant_model import PlantModel
+from tactuator.parameters import checked
 from tactuator.plain import picked, plain
 from tactuator.result import Chart, Fact, Result, ResultTable, data, found
 
@@ -99,6 +100,7 @@ class Fitted(Result):
         """Return the magnitude with its 95 % band."""
         return self.model.chart()
 
+    @checked
     def write(self, path: str | PathLike[str]) -> None:
         """Write the model file, whole or not at all."""
         write_text(path, identified_text(self.model))

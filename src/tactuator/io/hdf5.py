@@ -39,6 +39,8 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     Raises BadInput, without the file's name, for one on which the library crashes or comes to no end; OSError and
     whatever else the library raises on a file that is not sound.
     """
+    if path.is_dir():
+        raise BadInput("it is a folder", "a file")
     state = path.stat()
     _require_survived(path, state.st_ino, state.st_size, state.st_mtime_ns)
     with h5py.File(path, "r") as file:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from pydantic.fields import FieldInfo
 
+from tactuator.arrays import frequencies
 from tactuator.errors import BadInput, unknown
 from tactuator.model.plant import DERIVATIVES, Load, Quantity, System, motor_gain
 from tactuator.model.requirements import (
@@ -406,7 +407,7 @@ class Channel:
 
     def is_known(self, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
         """Return, for each frequency, whether the plant is known there; edges count within rounding."""
-        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        frequency = frequencies(frequency_hz)
         low, high = self.valid_hz or (0.0, np.inf)
         return np.asarray((frequency >= low / KNOWN_EDGE) & (frequency <= high * KNOWN_EDGE))
 
@@ -470,7 +471,7 @@ class Channel:
 
     def threshold_voltage(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
         """Return the |H| that the curve asks for: peak volts of y at threshold (r = 1); any shape."""
-        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        frequency = frequencies(frequency_hz)
         speed = (2.0 * np.pi * frequency) ** DERIVATIVES[self.quantity]
         return self.sensor_gain_v_per_mm * self.threshold.curve.displacement_mm(frequency) * speed
 

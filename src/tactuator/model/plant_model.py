@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import FloatArray, frequencies
 from tactuator.errors import BadInput
 from tactuator.parameters import Flag, Number, Numbers, table
 from tactuator.plain import brief
@@ -198,7 +198,7 @@ class PlantModel(Result):
 
     def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
         """Return the complex response at `frequency_hz` (any shape)."""
-        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        s = 2j * np.pi * frequencies(frequency_hz)
         return np.asarray(np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay_s))
 
     def band_db(self, frequency_hz: ArrayLike) -> FloatArray:
@@ -214,7 +214,7 @@ class PlantModel(Result):
 
     def _deviations(self, frequency_hz: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the standard deviations of the logarithm of the response: real part, imaginary part."""
-        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        frequency = np.atleast_1d(frequencies(frequency_hz))
         gradient, sizes = self._log_gradient(frequency), self._sizes()
         relative = self._relative_covariance()
         deviations = []

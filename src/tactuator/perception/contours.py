@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from tactuator.arrays import FloatArray, freeze_arrays
+from tactuator.arrays import FloatArray, freeze_arrays, frequencies
 from tactuator.errors import BadInput, within
 from tactuator.parameters import Numbers, Positive, table
 from tactuator.perception.curve import Contact, Provenance
@@ -95,7 +95,7 @@ class Contours:
     def level_db_sl_at(self, strength_db_sl: ArrayLike, frequency_hz: ArrayLike) -> FloatArray:
         """Return the sensation level (dB SL) at `frequency_hz` of a tone of that strength; arguments broadcast."""
         strength, frequency = np.broadcast_arrays(
-            np.asarray(strength_db_sl, dtype=np.float64), np.asarray(frequency_hz, dtype=np.float64)
+            np.asarray(strength_db_sl, dtype=np.float64), frequencies(frequency_hz)
         )
         level, asked = strength.ravel(), np.log(np.clip(frequency.ravel(), *self.frequency_hz[[0, -1]]))
         knots = np.concatenate((np.zeros((1, asked.size)), np.cumsum(self._steps(asked), axis=0)))
@@ -114,7 +114,7 @@ class Contours:
                 ends.append(np.full_like(centre, np.nan))
                 continue
             bare = np.concatenate((np.zeros((1, self.frequency_hz.size)), edge - self.db_sl))
-            at = np.clip(np.asarray(frequency_hz, dtype=np.float64), *self.frequency_hz[[0, -1]])
+            at = np.clip(frequencies(frequency_hz), *self.frequency_hz[[0, -1]])
             point = np.clip(np.asarray(strength_db_sl, dtype=np.float64), 0.0, self._strengths[-1])
             row, share = _place(self._strengths, point)
             column, part = _place(np.log(self.frequency_hz), np.log(at))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from tactuator.arrays import FloatArray, freeze_arrays
+from tactuator.arrays import FloatArray, freeze_arrays, frequencies
 from tactuator.errors import BadInput, within
 from tactuator.parameters import Band, Number, Numbers, Positive, parameters, table, unit
 from tactuator.result import FREQUENCY, Chart, ChartLine, Fact, Result, data, fields_of, found
@@ -157,7 +157,7 @@ class ThresholdCurve(Result):
 
     def level_db_re_1um_at(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return the threshold level (dB re 1 um peak) at `frequency_hz` (any shape, zero allowed)."""
-        frequency = np.clip(np.asarray(frequency_hz, dtype=np.float64), *self.frequency_hz[[0, -1]])
+        frequency = np.clip(frequencies(frequency_hz), *self.frequency_hz[[0, -1]])
         return np.asarray(np.interp(np.log(frequency), np.log(self.frequency_hz), self.level_db_re_1um))
 
     def displacement_mm(self, frequency_hz: ArrayLike) -> FloatArray:
@@ -281,7 +281,7 @@ class RelativeCurve:
 
     def level_db_sl_at(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
         """Return the level in dB SL at `frequency_hz`, of any shape."""
-        asked = np.log(np.asarray(frequency_hz, dtype=np.float64))
+        asked = np.log(frequencies(frequency_hz))
         return np.asarray(np.interp(asked, np.log(self.frequency_hz), self.level_db_sl))
 
 

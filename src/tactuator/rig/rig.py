@@ -327,6 +327,8 @@ class Rig(Plays, KeepsTime, HasFingers):
 
     def require_runs(self, controller: Controller) -> None:
         """Raise BadInput for a controller that is for another display, or does what this rig leaves out."""
+        if not isinstance(controller, Controller):
+            raise BadInput(f"{controller!r:.60}", "a controller (`tt.read_controller` reads a file)", key="controller")
         controller.require_runs(self.display)
         for part in controller.channels:
             for needs, does, words, key in (

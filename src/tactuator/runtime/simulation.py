@@ -151,6 +151,8 @@ def block_samples(samples: ArrayLike, channels: int, name: str) -> FloatArray:
         array = np.asarray(samples)
     except ValueError:
         raise BadInput(f"{name} has rows of unequal length", f"(samples, {channels})") from None
+    if array.ndim == 0:
+        raise BadInput(f"{name} is {samples!r:.60}", f"real numbers, (samples, {channels})")
     if array.ndim == 1 and channels == 1:
         array = array[:, None]
     if array.ndim != 2 or array.shape[1] != channels:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactuator.arrays import ComplexArray, FloatArray
+from tactuator.arrays import ComplexArray, FloatArray, frequencies
 from tactuator.errors import BadInput
 from tactuator.plain import brief
 
@@ -219,7 +219,7 @@ class ContinuousSystem(_System):
 
     def fraction(self, frequency_hz: ArrayLike) -> Quotient:
         """Return numerator (with gain and dead time) and denominator of the response: finite even at a pole."""
-        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        s = 2j * np.pi * frequencies(frequency_hz)
         numerator = self.gain * np.exp(-s * self.delay_s)
         for zero in self.zeros:
             numerator = numerator * (s - zero)
@@ -300,7 +300,7 @@ class SampledSystem(_System):
 
     def fraction(self, frequency_hz: ArrayLike) -> Quotient:
         """Return the numerator (with gain and delay) and denominator of the response: finite even where a pole lies."""
-        frequency = np.asarray(frequency_hz, dtype=np.float64)
+        frequency = frequencies(frequency_hz, self.rate_hz)
         z, step = _on_circle(frequency.tobytes(), frequency.shape, self.rate_hz)
         numerator = self.gain * z ** (-float(self.delay_samples))
         for zero in self.zeros:  # z - root = (1 - root) + (z - 1), and z - 1 is known to full precision
@@ -314,7 +314,7 @@ class SampledSystem(_System):
         """Return the response without images of held steps, which move nothing at `frequency_hz` (any shape, hertz)."""
         if self.held is None:
             return self.response(frequency_hz)
-        cycles = np.asarray(frequency_hz, dtype=np.float64) / self.rate_hz
+        cycles = frequencies(frequency_hz) / self.rate_hz
         return np.asarray(self.held.response(frequency_hz) * np.sinc(cycles) * np.exp(-1j * np.pi * cycles))
 
     @property
