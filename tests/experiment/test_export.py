@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import shutil
+import sqlite3
 import subprocess
 import weakref
 from contextlib import closing
@@ -17,6 +18,7 @@ from tactuator.errors import BadInput
 from tactuator.experiment.export import FORMS, cell, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.protocol.study import Demographic
+from tactuator.experiment.result.store_results import store_results
 from tactuator.experiment.session.studies import Correction
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store import run_rows, schema
@@ -358,3 +360,46 @@ def test_export__larger_store__holds_no_more_rows_at_a_time(tmp_path, monkeypatc
         assert export(store, tmp_path / form, form) == 18 * len(texts)
     # a trial has three intervals; a run of at most 18 trials is held while the next ones are read
     assert 0 < most[0] <= 4 * (40 + 18) < 4 * 18 * len(texts) / 2
+
+
+_OTHERS = """
+INSERT INTO stimulus (study_id, label, source, sha256, duration_s) VALUES (1, 'a', 'a', 'a', 1);
+INSERT INTO response_option (study_id, position, label, key) VALUES (1, 0, 'a', 'a');
+INSERT INTO event (session_id, at_utc, who, kind, trials, detail) VALUES (1, '2026', '', 'break', 3, '');
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("value", ["abc", b"\xff\x00", None])
+def test_store__cell_of_another_type_in_any_column__is_refused_by_its_name(tmp_path, answered, value) -> None:
+    """What may be empty is, and is read; NOT NULL is taken from the tables, as damage does not keep to it."""
+    answered(tmp_path / "sound.db", ONE_SUBJECT.replace("[30, 90, 210]", "[210]")).close()
+    with closing(sqlite3.connect(tmp_path / "sound.db")) as plain, plain:
+        plain.executescript(_OTHERS)
+        columns = plain.execute(
+            """SELECT m.name, c.name, c."notnull" FROM sqlite_master AS m JOIN pragma_table_info(m.name) AS c
+            WHERE m.type = 'table' AND m.name <> 'schema_version' AND NOT c.pk AND (c.type <> 'VARCHAR' OR ?)""",
+            (isinstance(value, bytes),),
+        ).fetchall()
+    named = 0
+    for table, name, needed in columns:
+        path, refused = tmp_path / "lab.db", ""
+        shutil.copy(tmp_path / "sound.db", path)
+        with closing(sqlite3.connect(path)) as plain, plain:
+            plain.execute("PRAGMA writable_schema = ON")
+            plain.execute("UPDATE sqlite_master SET sql = replace(sql, 'NOT NULL', '') WHERE name = ?", (table,))
+        with closing(sqlite3.connect(path)) as plain, plain:
+            plain.execute("PRAGMA ignore_check_constraints = ON")
+            changed = plain.execute(f'UPDATE "{table}" SET "{name}" = ? WHERE rowid = 1', (value,)).rowcount
+        try:
+            with closing(Store(path, must_exist=True)) as store:
+                export(store, tmp_path / "out", "tidy")
+            store_results(path)
+        except BadInput as error:
+            refused = str(error)
+        is_named = "damaged" in refused and (
+            f"{table}.{name};" in refused or f"CHECK constraint failed in {table}" in refused
+        )
+        assert is_named == bool(changed and (value is not None or needed)), (table, name, refused)
+        named += is_named
+    assert named > 20

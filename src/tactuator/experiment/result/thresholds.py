@@ -187,6 +187,10 @@ def _padded(rows: Sequence[FloatArray]) -> FloatArray:
 def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]]:
     """Return the threshold of each run; all are of one protocol at one display."""
     protocol, kinds = runs[0].protocol, [run.catch_kinds for run in runs]
+    hertz = np.array([run.run.frequency_hz for run in runs], dtype=np.float64)
+    base = np.array([run.curve_level_db_re_1um[0] for run in runs])
+    if np.isnan(hertz + base).any():
+        raise BadInput("a run without its frequency, or without the curve's level there", "both")
     replayed = protocol.begin(playable_in(runs[0], _MAINS_HZ[0]), len(runs))
     own = _padded([run.correct[kind == ""].astype(np.float64) for run, kind in zip(runs, kinds, strict=True)])
     for outcomes in (own == 1.0).T:
@@ -199,13 +203,13 @@ def _at_one_frequency(runs: Sequence[StoredRun]) -> list[list[MeasuredThreshold]
     flags = run_flags(levels, correct, fit, prior)
     found = (fit.threshold_db, fit.sd_db, fit.low_db, fit.high_db)
     at = _Levels.censored(np.nanmin(levels, axis=1), np.nanmax(levels, axis=1), *found)
-    seen, hertz = [run.intervals for run in runs], np.array([float(run.run.frequency_hz) for run in runs])
+    seen = [run.intervals for run in runs]
     gain = delivered_levels(
         [each.commanded_db_sl for each in seen], [each.measured_db_sl for each in seen], hertz, at.refit_db_sl
     )
     felt = hum_is_felt(seen, hertz, protocol.timing, at.refit_db_sl).tolist()
     power = zip(flags.lapse_power.tolist(), flags.drift.power.tolist(), strict=True)
-    points = at.points(hertz, np.array([run.curve_level_db_re_1um[0] for run in runs]), gain)
+    points = at.points(hertz, base, gain)
     measured = []
     for row, (run, point, of_run) in enumerate(zip(runs, points, power, strict=True)):
         estimate, own_flags = (replayed.estimate(row), replayed.flags(row)) if run.whole else (None, ())

@@ -13,9 +13,14 @@ from sqlalchemy import (
     ForeignKey,
     Integer,
     MetaData,
+    Select,
     String,
     Table,
     UniqueConstraint,
+    false,
+    func,
+    literal_column,
+    or_,
     select,
     true,
 )
@@ -208,3 +213,14 @@ VOID_RUNS = select(run.c.id).where(
     | run.c.id.in_(select(trial.c.run_id).join(void))
 )
 """Selects the runs that are void, or have a void trial."""
+
+
+def misfits(table: Table) -> Select[Any]:
+    """Return the query of how many rows of a table in a file have a cell of another type than its column's, and which
+    columns those are. SQLite takes any value into any column; it sorts numbers before texts, and texts before bytes.
+    """
+    wrong = []
+    for column in table.columns:
+        beyond = column >= literal_column("x''" if isinstance(column.type, String) else "''")
+        wrong.append(beyond.is_(true()) if column.nullable else beyond.is_not(false()))
+    return select(func.count(), *map(func.max, wrong)).where(or_(*wrong))

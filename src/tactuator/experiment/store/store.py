@@ -13,6 +13,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from importlib import import_module
+from itertools import compress
 from pathlib import Path
 from typing import Any
 from weakref import WeakSet
@@ -122,7 +123,7 @@ def _holds(store: Store, table: Table) -> bool:
 
 _BUSY_TIMEOUT_MS = 2000
 _CHECKED_BYTES = 1 << 26
-"""Size of a file up to which it is checked whole whenever it is opened, in a third of a second; a larger one is checked
+"""Size of a file up to which it is checked whole whenever it is opened, in half a second; a larger one is checked
 by `experiment backup`."""
 _HEADER_BYTES, _FORMAT_BYTE, _MARK = 100, 18, slice(60, 64)
 """Of SQLite's file: its header; in it the version of the format (2: with a log), and the user version."""
@@ -205,9 +206,12 @@ class Store:
         event.listen(self.engine, "before_cursor_execute", _refuse_controls)
         self.name = str(place) if self.is_file else self.engine.url.render_as_string()
         try:
-            if whole and self.is_file:
-                self._check()
+            is_checked = whole and self.is_file and self.path.stat().st_size <= _CHECKED_BYTES
+            if is_checked:
+                self._check_pages()
             self._make_tables(must_exist)
+            if is_checked:
+                self._check_cells()
             if whole and self.is_file and not self._had_log and not self._open_here:
                 mark = self._mark_seen()
                 if mark and not self._log_belongs(mark):
@@ -336,14 +340,26 @@ class Store:
         with self._log.open("rb") as log:
             return log.read(_LOG_HEADER_BYTES)
 
-    def _check(self) -> None:
-        if self.path.stat().st_size > _CHECKED_BYTES:
-            return
+    def _check_pages(self) -> None:
         with self.engine.connect() as connection:
             outcome = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if outcome != "ok":
-            reason = " ".join(str(outcome).split())
-            raise BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
+            raise self._damaged(" ".join(str(outcome).split()))
+
+    def _check_cells(self) -> None:
+        """Refuse values of another type than their column's, and rows of something that is not there."""
+        with self.engine.connect() as connection:
+            for table in schema.tables.sorted_tables:
+                rows, *wrong = connection.execute(schema.misfits(table)).one()
+                if rows:
+                    names = " and ".join(compress(table.columns.keys(), wrong))
+                    raise self._damaged(f"values of another type in {table}.{names}; rows: {rows}")
+            stray = connection.exec_driver_sql("PRAGMA foreign_key_check").first()
+        if stray:
+            raise self._damaged(f"row {stray.rowid} of {stray.table} is of a {stray.parent} that is not there")
+
+    def _damaged(self, reason: str) -> BadInput:
+        return BadInput(f"store {self.path} is damaged ({reason})", "a sound SQLite database")
 
     def _mark_seen(self) -> int:
         with self.engine.connect() as connection:
@@ -400,6 +416,8 @@ class Store:
             raise BadInput(f"store {self.name}", "a file; `pg_dump` copies a server's")
         if out.exists() and os.path.samestat(out.stat(), self.path.stat()):
             raise BadInput(f"{out} is the store itself", "another place")
+        with self._faults_told():
+            self._check_cells()
         with (
             self._faults_told(),
             atomic_path(out, is_store=True) as beside,
@@ -412,7 +430,7 @@ class Store:
             (answers,) = copy.execute("SELECT count(*) FROM response").fetchone()
             (outcome,) = copy.execute("PRAGMA quick_check(1)").fetchone()
             if outcome != "ok":
-                raise BadInput(f"store {self.path} is damaged ({outcome})", "a sound SQLite database")
+                raise self._damaged(outcome)
         return int(answers)
 
     def _make_tables(self, must_exist: bool) -> None:
