@@ -223,4 +223,5 @@ def misfits(table: Table) -> Select[Any]:
     for column in table.columns:
         beyond = column >= literal_column("x''" if isinstance(column.type, String) else "''")
         wrong.append(beyond.is_(true()) if column.nullable else beyond.is_not(false()))
-    return select(func.count(), *map(func.max, wrong)).where(or_(*wrong))
+    columns: list[ColumnElement[Any]] = [func.count(), *map(func.max, wrong)]
+    return select(*columns).where(or_(*wrong))
