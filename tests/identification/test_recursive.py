@@ -15,7 +15,7 @@ def test_companion_states__paper_plant__agree_with_scipys_hold(hold: str, method
     a, b, c, d, _ = signal.cont2discrete(signal.tf2ss(PAPER.num, PAPER.den), 1.0 / RATE_HZ, method=method)
     _, expected, _ = signal.dlsim((a, b, c, d, 1.0 / RATE_HZ), command)
     states = companion_states(PAPER.den, command, RATE_HZ, hold=hold)
-    np.testing.assert_allclose(2875.0 * states[:, 0], expected[:, 0], atol=1e-8)
+    np.testing.assert_allclose(2875.0 * states[0], expected[:, 0], atol=1e-8)
 
 
 def test_recursive_least_squares__no_forgetting__is_batch_least_squares() -> None:

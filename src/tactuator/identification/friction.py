@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from itertools import islice, product
 from typing import Literal
 
@@ -196,20 +196,20 @@ def fit_friction(
     # the first level is so rough that a quick fit is enough for the next
     data = bare.data.with_commands(level.off(signals))
     starts = propose_starts(data, holds, known.without_values, note)
-    now = glance(data, starts, known)
-    level = _settled(_Stage(signals, now, level), measured)
-    for k in range(_ESTIMATES):
+    level = _settled(_Stage(signals, glance(data, starts, known), level), measured)
+    now: SpectralEstimate | None = None
+    for _ in range(_ESTIMATES):
         if level.coulomb <= 0.0:
             return None
-        data = now.data.with_commands(level.off(signals))
-        now = refit(data, now, known, note) if k else fit(data, starts, known, note)
+        data = data.with_commands(level.off(signals))
+        now = fit(data, starts, known, note) if now is None else refit(data, now, known, note)
         stage = _Stage(signals, now, level)
         level = _settled(stage, measured)
         if abs(level.coulomb - stage.level.coulomb) < _STILL * level.deviation:
             break
     found = _with_level(stage)
-    simpler = now if found is None else simplified(now, known, found.shifts)
-    if simpler is now:
+    simpler = stage.now if found is None else simplified(stage.now, known, found.shifts)
+    if simpler is stage.now:
         return found
     level = _settled(_Stage(signals, simpler, stage.level), measured)
     return _with_level(_Stage(signals, _again(simpler, level.off(signals)), level)) or found
@@ -309,12 +309,15 @@ def _share_left(residuals: Sequence[Residual]) -> float:
 
 def _settled(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     """Return the level at which the estimate's form and the friction along its own path, or the measured one, agree."""
+    # each residual takes as much memory as a record
+    signals, now = stage.signals, replace(stage.now, other_residuals=(), trials=())
     for _ in range(_ROUNDS):
         level = _stepped(stage, measured)
         change = abs(level.coulomb - stage.level.coulomb)
         if level.coulomb <= 0.0 or change < _STILL * level.deviation:
             break
-        stage = _Stage(stage.signals, _again(stage.now, level.off(stage.signals)), level)
+        now = _again(now, level.off(signals))
+        stage = _Stage(signals, now, level)
     return level
 
 
@@ -334,7 +337,7 @@ def _stepped(stage: _Stage, measured: tuple[FloatArray, ...]) -> _Level:
     lines, both = stage.lines, (stage.paths, measured)
     explained = dict[tuple[int, bool, float], tuple[float, float, float]]()
 
-    @cache
+    @lru_cache(maxsize=2)  # each takes as much memory as a record
     def states(k: int, presliding: float) -> list[FloatArray]:
         return [dahl_state(path, presliding) for path in both[k]]
 

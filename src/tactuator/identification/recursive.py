@@ -19,6 +19,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.identification import trust
 from tactuator.identification.check import (
+    EmpiricalResponse,
     Prepared,
     empirical_response,
     moved_range,
@@ -51,7 +52,7 @@ def recursive(common: Prepared) -> Identification:
         raise BadInput(f"order {order} for a {options.quantity} by least squares", f"{integrated + 1} or more")
     require_excitation(replace(common.excitation, needed=order + 1))
     found = identify_recursively(
-        command, position, rate_hz, poles=order, zeros=integrated, forgetting=options.forgetting
+        command, position, rate_hz, common.response, poles=order, zeros=integrated, forgetting=options.forgetting
     )
     written = common.records[0].about.get("hold")
     hold: Hold = next((hold for hold in HOLDS if hold in (options.hold, written)), "zero-order")
@@ -100,6 +101,7 @@ def identify_recursively(
     command: ArrayLike,
     position: ArrayLike,
     rate_hz: float,
+    response: EmpiricalResponse | None = None,
     *,
     poles: int = 2,
     zeros: int = 0,
@@ -107,15 +109,15 @@ def identify_recursively(
 ) -> RecursiveEstimate:
     """Return the recursive least squares estimate of a model of `poles` and `zeros` on command (n,) and position (n,).
 
-    forgetting: as in `recursive_least_squares`. Raises BadInput for an unknown structure or a record of fewer than 50
-    samples.
+    response: the record's own, if that is at hand; forgetting: as in `recursive_least_squares`. Raises BadInput for an
+    unknown structure or a record of fewer than 50 samples.
     """
     u, y = np.asarray(command, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if u.shape != y.shape or u.ndim != 1 or u.size < 50:
         raise BadInput(f"command {u.shape}, position {y.shape}", "one shape (n,), 50 samples or more")
     if not (0 <= zeros < poles <= 6):
         raise BadInput(f"{poles} poles and {zeros} zeros", "1 to 6 poles, fewer zeros")
-    corner = _corner(u, y, rate_hz)
+    corner = _corner(response or empirical_response(u, y, rate_hz), rate_hz)
     filter_polynomial = np.real(np.poly(np.full(poles, -corner)))
     for _ in range(_PASSES):
         regressors, goal, sizes = _regression(filter_polynomial, u, y, rate_hz, zeros)
@@ -126,9 +128,8 @@ def identify_recursively(
     return RecursiveEstimate(theta[: zeros + 1], np.append(1.0, theta[zeros + 1 :]), covariance, path / sizes)
 
 
-def _corner(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
+def _corner(response: EmpiricalResponse, rate_hz: float) -> float:
     """Return where the response has fallen to a tenth of its largest value, rad/s: above most poles."""
-    response = empirical_response(u, y, rate_hz)
     trusted = response.coherence > 0.3
     if trusted.sum() < 3:
         return 2.0 * np.pi * rate_hz / 200.0
@@ -150,31 +151,30 @@ def _regression(
     e: FloatArray, u: FloatArray, y: FloatArray, rate_hz: float, zeros: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return regressors and goal scaled to unit size, (n, m+1+poles) and (n,), and the scales of theta."""
-    from_u = companion_states(e, u - u.mean(), rate_hz)[:, : zeros + 1][:, ::-1]
+    from_u = companion_states(e, u - u.mean(), rate_hz)[: zeros + 1][::-1]
     centred = y - y.mean()
     from_y = companion_states(e, centred, rate_hz, hold="first-order")
-    highest = centred - from_y @ e[:0:-1]
-    columns = np.hstack([from_u, -from_y[:, ::-1]])
     # steady offsets of sensor and command are in no model: slow parts far below the filter's corner are removed alike
-    columns, goal = _without_offset(columns, rate_hz), _without_offset(highest[:, None], rate_hz)[:, 0]
+    rows = _without_offset(np.vstack([from_u, -from_y[::-1], centred - e[:0:-1] @ from_y]), rate_hz)
     # what went on before the record began dies out with E's own poles
     start = int(min(6.0 * rate_hz / np.min(np.abs(np.roots(e).real)), 0.2 * u.size))
-    columns, goal = columns[start:], goal[start:]
-    column_size, goal_size = np.sqrt(np.mean(columns**2, axis=0)), float(np.sqrt(np.mean(goal**2)))
-    column_size[column_size == 0.0] = 1.0
-    if goal_size == 0.0:
+    rows = rows[:, start:]
+    size = np.sqrt(np.mean(rows**2, axis=1))
+    if size[-1] == 0.0:
         raise BadInput("the position does not move", "a record of something that moves")
-    return columns / column_size, goal / goal_size, column_size / goal_size
+    size[size == 0.0] = 1.0
+    rows = rows / size[:, None]
+    return rows[:-1].T, rows[-1], size[:-1] / size[-1]
 
 
-def _without_offset(columns: FloatArray, rate_hz: float) -> FloatArray:
+def _without_offset(rows: FloatArray, rate_hz: float) -> FloatArray:
     """Apply a first-order high-pass with its corner at 3 periods of the record: it takes offsets away, alike in every
-    column.
+    row (k, n).
     """
-    corner = 3.0 * rate_hz / columns.shape[0]
+    corner = 3.0 * rate_hz / rows.shape[1]
     bent = np.tan(np.pi * min(corner / rate_hz, 0.25))  # by the bilinear transformation
-    changes = np.diff(columns, axis=0, prepend=0.0) / (1.0 + bent)
-    return np.stack([first_order((1.0 - bent) / (1.0 + bent), change) for change in changes.T], axis=1)
+    changes = np.diff(rows, prepend=0.0) / (1.0 + bent)
+    return np.stack([first_order((1.0 - bent) / (1.0 + bent), change) for change in changes])
 
 
 def recursive_least_squares(
@@ -195,11 +195,11 @@ def recursive_least_squares(
     size = regressors.shape[1]
     products = np.column_stack([np.eye(size) / start_variance, np.zeros(size)])
     along, fading = list[FloatArray](), forgetting ** np.arange(every)[::-1]
-    both = np.column_stack([regressors, output])
+    rows = np.vstack([regressors.T, output])
     for start in range(0, output.size, every):
-        rows = both[start : start + every]
-        weighted = rows[:, :size].T * fading[every - len(rows) :]
-        products = forgetting ** len(rows) * products + weighted @ rows
+        block = rows[:, start : start + every]
+        count = block.shape[1]
+        products = forgetting**count * products + (block[:size] * fading[every - count :]) @ block.T
         along.append(products)
     every_products = np.array(along)
     path = np.linalg.solve(every_products[:, :, :size], every_products[:, :, size:])[:, :, 0]
@@ -214,7 +214,7 @@ def companion_states(
     *,
     hold: Literal["zero-order", "first-order"] = "zero-order",
 ) -> FloatArray:
-    """Return s^k/A(s) applied to `driver` (count,) for k = 0 .. n-1: shape (count, n), from rest, exact for the hold.
+    """Return s^k/A(s) applied to `driver` (count,) for k = 0 .. n-1: shape (n, count), from rest, exact for the hold.
 
     denominator: A, descending powers, monic, length n + 1, in rad/s.
     """
@@ -223,10 +223,12 @@ def companion_states(
     a[-1] = -denominator[:0:-1]
     ad, driven = held_matrices(a, b, 1.0 / rate_hz, ramp=ramp)
     # triangular, so that state after state is a filter of first order, however close the poles are
-    triangle, turn = scipy.linalg.schur(ad, output="complex")
+    triangle, turn = scipy.linalg.schur(ad)
+    if np.any(np.diagonal(triangle, -1)):
+        triangle, turn = scipy.linalg.rsf2csf(triangle, turn)
     inputs = np.stack([driver, np.diff(driver, append=driver[-1])])[: 1 + ramp]
     pushed = turn.conj().T @ (driven.reshape(n, -1) @ inputs)
-    states = np.zeros((n, driver.size), dtype=np.complex128)
+    states = np.zeros((n, driver.size), dtype=triangle.dtype)
     for k in reversed(range(n)):
         states[k, 1:] = first_order(triangle[k, k], pushed[k] + triangle[k] @ states)[:-1]
-    return np.asarray((turn @ states).real.T)
+    return np.asarray((turn @ states).real)
