@@ -45,12 +45,10 @@ from tactuator.experiment.store.stored_runs import (
 )
 from tactuator.experiment.trial import typed_number
 from tactuator.io.atomic import atomic_folder
+from tactuator.io.csv_text import cell
 
 TableRow = dict[str, Any]
 _MISSING = "n/a"
-_PLAIN_NUMBER = re.compile(r"-?(\d++\.?\d*+|\.\d++)([eE][+-]?\d++)?", re.ASCII)
-_EXECUTED = re.compile("[ \u00a0\ufeff\u200b]*+[-=+@\uff1d\uff0b\uff0d\uff20]|[\t\r\n]")
-"""Begins a formula, also with signs of full width and after what programs pass over."""
 _EXACT = 2**53
 
 
@@ -124,15 +122,6 @@ def _write_cells(
         writer = csv.writer(file, delimiter=separator, lineterminator="\n")
         writer.writerow(names)
         writer.writerows(_cells(rows, missing))
-
-
-def cell(value: Any, missing: str = "") -> Any:
-    """Return the value as a cell: text that a spreadsheet would execute begins with an apostrophe. A number is none."""
-    if value is None or value == "":
-        return missing
-    if not isinstance(value, str):
-        return value
-    return f"'{value}" if _EXECUTED.match(value) and not _PLAIN_NUMBER.fullmatch(value) else value
 
 
 @contextmanager

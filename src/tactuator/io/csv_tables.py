@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput, unknown, within
 from tactuator.io.atomic import write_text
+from tactuator.io.csv_text import csv_text
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_text
 from tactuator.io.text_table import TextTable
@@ -103,16 +103,6 @@ def _number(cell: str) -> float | None:
         return float(cell)
     except ValueError:
         return None
-
-
-def _text(head: str, names: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """Return the text of a table, its head before it."""
-    stream = io.StringIO()
-    stream.write(head)
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)
-    return stream.getvalue()
 
 
 def resolve_curve(name_or_path: str, beside: Path = Path()) -> ThresholdCurve:
@@ -219,7 +209,7 @@ def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[o
         **({"bound": bound} if any(bound) else {}),
         **(circumstances or {}),
     }
-    return _text(_head_text(threshold), columns, zip(*columns.values(), strict=True))
+    return csv_text(columns, zip(*columns.values(), strict=True), _head_text(threshold))
 
 
 _CONTOUR_COLUMNS = ("level_db_sl", "frequency_hz", "db_sl", "low_db_sl", "high_db_sl")
@@ -271,7 +261,7 @@ def write_contours(path: str | Path, contours: Contours) -> None:
         for row, level in enumerate(contours.level_db_sl.tolist())
         for column, frequency in enumerate(contours.frequency_hz.tolist())
     )
-    write_text(path, _text(head, (*_CONTOUR_COLUMNS[:2], *tables), rows))
+    write_text(path, csv_text((*_CONTOUR_COLUMNS[:2], *tables), rows, head))
 
 
 @dataclass(frozen=True, eq=False)

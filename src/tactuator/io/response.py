@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 from tactuator import __version__
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
+from tactuator.io.csv_text import csv_text
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.signals.record import Response
@@ -71,14 +70,12 @@ def _write_hdf5(path: Path, responses: Sequence[Response]) -> None:
 def responses_csv(responses: Sequence[Response]) -> str:
     """Return responses as CSV, one row for each point."""
     columns = ["frequency_hz", "magnitude_v", "phase_rad", "latency_s", *list(_ARRAYS)[2:]]
-    written = io.StringIO(newline="")
-    writer = csv.writer(written, lineterminator="\n")
-    writer.writerow([*_HEAD, *columns])
-    for response in responses:
-        head = [getattr(response, name) for name in _HEAD]
-        for k in range(response.frequency_hz.size):
-            writer.writerow([*head, *(f"{float(getattr(response, name)[k]):.9g}" for name in columns)])
-    return written.getvalue()
+    rows = (
+        [*(getattr(response, name) for name in _HEAD), *map(float, point)]
+        for response in responses
+        for point in zip(*(getattr(response, name) for name in columns), strict=True)
+    )
+    return csv_text([*_HEAD, *columns], rows, digits=9)
 
 
 def read_responses(path: str | Path) -> tuple[Response, ...]:

@@ -2,7 +2,6 @@
 stay apart in print and for colour-blind readers.
 """
 
-import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_folder, write_text
+from tactuator.io.csv_text import csv_text
 from tactuator.result import NOBODY_FELT_IT
 
 INK, FAINT = "#222222", "#b8b8b8"
@@ -123,12 +123,7 @@ class ReportFigure:
 
     def csv(self) -> str:
         """Return the table as CSV text, floats with nine digits."""
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(self.table)
-        for row in zip(*self.table.values(), strict=True):
-            writer.writerow([f"{cell:.9g}" if isinstance(cell, float) else cell for cell in row])
-        return stream.getvalue()
+        return csv_text(self.table, zip(*self.table.values(), strict=True), digits=9)
 
     def save(self, folder: Path) -> None:
         """Write NAME.svg and NAME.csv into `folder`, which is made if it is not there, each whole or not at all."""
