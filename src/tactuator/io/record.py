@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -118,14 +118,9 @@ def _assemble(
     to_s: float | None = None,
 ) -> list[Record]:
     """Return the runs of a record, the longest first, of the part from from_s to to_s."""
-    clock = _pick(columns, time, TIME_NAMES, "time") or _by_unit(columns)
-    if clock is not None and time is not None and clock.unit.kind not in ("", "time"):
-        raise BadInput(f"{clock.text!r}, named as time, is in {clock.unit.text}", "a column of seconds, or NAME=UNIT")
+    clock = _clock(columns, time)
     u_column, y_column = _signals(columns, input, output, clock)
     u_name, y_name = u_column.text, y_column.text
-    if clock is not None and clock.text in (u_name, y_name):
-        which = "command" if clock.text == u_name else "position"
-        raise BadInput(f"{clock.text!r} is the {which} and the time", "another column for one of them")
     r_column = _pick(columns, reference, REFERENCE_NAMES, "reference")
     r_name = None if r_column is None else r_column.text
     u, y = columns.values[u_name], columns.values[y_name]
@@ -146,13 +141,8 @@ def _assemble(
             raise BadInput("there is no rate and no time column", "--time NAME or NAME=UNIT, or --rate-hz")
         remarks.append(f"the rate is that of the file's head, {known:g} Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
-    usual = {_plain(u_column.base), _plain(y_column.base)} & {*INPUT_NAMES, *OUTPUT_NAMES}
-    if input is None and output is None and not usual:
-        remarks.append(f"{u_name!r} is read as the command, {y_name!r} as the position (--input, --output)")
     units = _unit(columns, u_column), _unit(columns, y_column)
-    if units[0] and u_column.unit.kind != "voltage":
-        remarks.append(f"the command {u_name!r} is read in {units[0]}, where a display commands volts")
-    remarks += [f"{name.text!r} has no unit that is known" for name in (u_column, y_column) if name.is_unknown]
+    remarks += _reported(u_column, y_column, units[0], named=input is not None or output is not None)
     quantity = y_column.quantity
     if quantity not in ("", "displacement") and "quantity" not in about:
         about["quantity"] = quantity
@@ -165,6 +155,16 @@ def _assemble(
     if from_s is not None or to_s is not None:
         table, about = table.between(from_s, to_s), without_periods(about)
     return _records(table, units, about, remarks)
+
+
+def _reported(command: ColumnName, position: ColumnName, command_unit: str, *, named: bool) -> Iterator[str]:
+    """Yield what is to be reported of how columns were chosen and of their units; named: by the user."""
+    usual = {_plain(command.base), _plain(position.base)} & {*INPUT_NAMES, *OUTPUT_NAMES}
+    if not named and not usual:
+        yield f"{command.text!r} is read as the command, {position.text!r} as the position (--input, --output)"
+    if command_unit and command.unit.kind != "voltage":
+        yield f"the command {command.text!r} is read in {command_unit}, where a display commands volts"
+    yield from (f"{name.text!r} has no unit that is known" for name in (command, position) if name.is_unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,6 +356,13 @@ def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str
     return next((named[name] for name in usual if name in named), None)
 
 
+def _clock(columns: Columns, asked: str | None) -> ColumnName | None:
+    clock = _pick(columns, asked, TIME_NAMES, "time") or _by_unit(columns)
+    if clock is not None and asked is not None and clock.unit.kind not in ("", "time"):
+        raise BadInput(f"{clock.text!r}, named as time, is in {clock.unit.text}", "a column of seconds, or NAME=UNIT")
+    return clock
+
+
 def _signals(
     columns: Columns, input_name: str | None, output_name: str | None, time: ColumnName | None
 ) -> tuple[ColumnName, ColumnName]:
@@ -380,6 +387,9 @@ def _signals(
         raise BadInput("which column is which is not clear", f"names of {missing}, each one of {named}")
     if u.text == y.text:
         raise BadInput(f"input and output are both {u.text!r}", "two different columns")
+    if time is not None and time.text in (u.text, y.text):
+        which = "command" if time.text == u.text else "position"
+        raise BadInput(f"{time.text!r} is the {which} and the time", "another column for one of them")
     return u, y
 
 
