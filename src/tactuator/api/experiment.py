@@ -5,6 +5,7 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from getpass import getuser
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
@@ -36,8 +37,15 @@ from tactuator.experiment.protocol.study import StudyProtocol, SubjectPart
 from tactuator.experiment.result.confusion import threshold_table
 from tactuator.experiment.result.store_results import GroupCurve, StoreResults, store_results
 from tactuator.experiment.result.thresholds import names_of_people
-from tactuator.experiment.session.studies import Correction, StudyRecords, fresh_token, study_records, task_of
-from tactuator.experiment.session.task import Apparatus, SystemClock
+from tactuator.experiment.session.studies import (
+    Correction,
+    StudyRecords,
+    fresh_token,
+    open_study,
+    study_records,
+    task_of,
+)
+from tactuator.experiment.session.task import Apparatus, SessionTask, SystemClock
 from tactuator.experiment.simulated.planning import PlannedStudy, StudyPlan
 from tactuator.experiment.simulated.quality import CurveQuality, Setting, simulate_kind
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers, with_truths
@@ -146,12 +154,22 @@ def check_protocol(
     plays, its practice must end, and its subjects' facts must be there; `serve` refuses a study that cannot.
     """
     with opened_apparatus(rig, display, controller, 0, None) as place:
-        study, _ = read_protocol(Path(protocol), StudyProtocol)
+        study, text = read_protocol(Path(protocol), StudyProtocol)
         task = task_of(study, Path(protocol).parent, place)
         expected = [task.expected(run) for run in task.runs(0)]
-        faults = (*task.faults(), *study.missing_facts())
+        faults = (*task.faults(), *study.missing_facts()) or _refused(task, text)
     minutes = sum(trials * played_s for trials, played_s in expected) / 60.0
     return CheckedProtocol(study.study.name, study.asks, len(expected), minutes, faults, tuple(study.warnings()))
+
+
+def _refused(task: SessionTask, text: str) -> tuple[BadInput, ...]:
+    """Return why a new store refuses the study, if it does."""
+    with TemporaryDirectory() as folder, closing(Store(Path(folder) / "new.db", durable=False)) as store:
+        try:
+            open_study(store, task, text, SystemClock(), fresh_token)
+        except BadInput as error:
+            return (error,)
+    return ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

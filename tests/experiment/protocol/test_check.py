@@ -104,9 +104,18 @@ UNWORKABLE = {
         ruled(UP_DOWN + "start_db_sl = 54", at="frequencies_hz = [250]"),
         "at 250 Hz",
     ),
+    "practice that the display does not play": (
+        practised("practice_trials = 2\npractice_level_db_sl = 54").replace(AT, "frequencies_hz = [250]"),
+        "practice of 54 dB SL at 250 Hz",
+    ),
+    "a frequency of the mains": (ruled(UP_DOWN, at="frequencies_hz = [60]"), "mains line at 60 Hz"),
     "levels that the display does not play": (
         ruled('kind = "quest-plus"\nlow_db_sl = 53\nhigh_db_sl = 55', at="frequencies_hz = [250]"),
         "at 250 Hz",
+    ),
+    "breaks after which a run begins again": (
+        practised("practice_trials = 0\nbreak_s = 601"),
+        "session.break_s",
     ),
     "two intervals of strength, 1 down 1 up": (judging(UP_DOWN + "down = 1", 2), "50.00 %"),
     "order of onsets, 1 down 1 up": (judging(UP_DOWN + "down = 1", 3, "order", '["index", "thumb"]'), "50.00 %"),
@@ -125,6 +134,10 @@ USUAL_OR_NOT = {
     "a curve in two intervals": ruled('kind = "curve"', 2, at=""),
     "patients from 50 dB SL": ruled(UP_DOWN + "start_db_sl = 50"),
     "limits on both sides": ruled(UP_DOWN + "floor_db_sl = 8\nceiling_db_sl = 30\ntrial_limit = 120"),
+    "breaks as long as runs wait": practised("practice_trials = 0\nbreak_s = 600"),
+    "long breaks between runs": practised("break_between_runs = true\nbreak_s = 3600").replace(
+        "break_after_trials = 20", "break_after_trials = 1000"
+    ),
     "practice of twenty right": practised("practice_trials = 20\npractice_correct = 20\npractice_limit = 20"),
     "two intervals of frequency, 2 down 1 up": judging(UP_DOWN + "down = 2\nstart_db_sl = 30", 2, "frequency"),
 }

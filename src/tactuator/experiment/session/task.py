@@ -254,7 +254,11 @@ class SessionTask:
 
     def faults(self) -> Iterator[BadInput]:
         """Yield every reason why nobody's runs can come to a result on this apparatus."""
-        return self.protocol.faults()
+        yield from self.protocol.faults()
+        rules, longest = self.rules, max((run.typical_trials for run in self.runs(0)), default=0.0)
+        if rules.break_s > rules.resume_within_s and (rules.break_after_trials or math.inf) < longest:
+            got = f"{rules.break_s:g}, within runs that begin again after {rules.resume_within_s:g} s without an answer"
+            yield BadInput(got, f"{rules.resume_within_s:g} or less", key="session.break_s")
 
     def enrol(self, connection: Connection, study: int) -> None:
         """Store what a new study has besides its sessions. Raises BadInput where it is there with something else."""

@@ -217,12 +217,15 @@ class DetectionTask(ToneTask):
         yield from super().faults()
         first = self.protocol.begin(self.apparatus.playable(self.protocol.timing)).placement()
         level, places = (-math.inf, None) if first is None else (first.level_db_sl, first.frequency_hz)
+        rules = self.protocol.session
+        practised = [("practice", rules.practice_level_db_sl)] if rules.practice_trials else []
         for finger in self.protocol.conditions.fingers:
             for hertz in self.protocol.frequencies_hz or (places or self.apparatus.middle_hz,):
                 most = self.apparatus.highest_db_sl(finger, hertz)
-                if level > most:
-                    got = f"first level of {level:g} dB SL at {hertz:g} Hz on finger {finger!r}"
-                    yield BadInput(got, f"{most:.1f} dB SL at most, which the display plays there")
+                for what, highest in (("first level", level), *practised):
+                    if highest > most:
+                        got = f"{what} of {highest:g} dB SL at {hertz:g} Hz on finger {finger!r}"
+                        yield BadInput(got, f"{most:.1f} dB SL at most, which the display plays there")
 
     @property
     def question(self) -> Question:
