@@ -10,6 +10,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+from numpy.typing import ArrayLike
 from sphinx.domains.python import PythonDomain
 
 import tactuator
@@ -127,7 +129,7 @@ def as_rst(lines):
 def _escaped(line):
     pieces = re.split(r"(`[^`]+`)", line)
     return "".join(
-        f"`{piece}`" if piece.startswith("`") else re.sub(r"([*|\\]|(?<=\w)_(?!\w))", r"\\\1", piece)
+        f"`{piece}`" if piece.startswith("`") else re.sub(r"([*|\\]|(?<=\w)_(?!\w)|-(?=-))", r"\\\1", piece)
         for piece in pieces
     )
 
@@ -150,13 +152,21 @@ def _signature(app, what, name, thing, options, signature, answers):
         return None
     hints = _hints(thing)
     shown = [
-        each.replace(annotation=_Named(_short(hints[key])) if key in hints else each.empty)
+        each.replace(annotation=_Named(_short(hints[key])) if key in hints else each.empty, default=_default(each))
         for key, each in shape.parameters.items()
         if key != "self" or what == "class"
     ]
     answer = f" -> {_short(hints['return'])}" if "return" in hints and what != "class" else ""
     written = str(shape.replace(parameters=shown, return_annotation=shape.empty))
     return written, answer.removeprefix(" -> ") or None
+
+
+def _default(parameter):
+    """Return a default as a person writes it: what is made by a function, or is one without a name, as `...`."""
+    name = getattr(parameter.default, "__name__", "")
+    if parameter.default is parameter.empty or not (name or repr(parameter.default) == "<factory>"):
+        return parameter.default
+    return _Named("..." if name in ("", "<lambda>") else name)
 
 
 def _hints(thing, extras=False):
@@ -185,6 +195,10 @@ class _Named:
 def _short(hint):
     """Return a type as a person writes it."""
     origin, inner = get_origin(hint), get_args(hint)
+    if hint == ArrayLike:
+        return "array_like"
+    if origin is np.ndarray:
+        return f"ndarray[{_short(get_args(inner[1])[0])}]"
     if hint is NoneType or hint is None:
         return "None"
     if hint is Any:

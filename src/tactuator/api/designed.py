@@ -79,7 +79,8 @@ class ControllerResult(Result, Controller):
         facts = [found("rate", self.rate_hz, "Hz")]
         for channel in self.channels:
             margins, fit = channel.report.get("margins") or {}, channel.report.get("prefilter") or {}
-            margin = f"phase margin {margins['phase_margin_deg']:.1f}°, " if margins else ""
+            degrees = margins.get("phase_margin_deg")  # None where the gain never passes one
+            margin = "" if degrees is None else f"phase margin {degrees:.1f}°, "
             error_db = fit.get("max_error_db", np.nan)
             facts.append(found(channel.name, f"{margin}prefilter within {error_db:.2f} dB without friction"))
             facts.append(Fact(channel.name, dict(channel.report)))

@@ -162,7 +162,8 @@ def check_frequencies(rig: Rig, frequency_hz: ArrayLike) -> None:
     """Raise BadInput for no frequency at all, or one at which the rig cannot be measured."""
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
-        raise BadInput(f"frequencies {frequency.tolist()} Hz", f"above 0, below {0.45 * rig.rate_hz:g} Hz")
+        got = f"frequencies {frequency.tolist()} Hz" if frequency.size else "no frequency is given"
+        raise BadInput(got, f"above 0, below {0.45 * rig.rate_hz:g} Hz")
 
 
 def sensed_columns(rig: Rig, channels: Sequence[str] | None) -> list[int]:

@@ -60,9 +60,9 @@ def from_control(system: Any) -> System:
     else:
         raise BadInput(f"of type {type(system).__name__}", "a linear system of python-control or scipy.signal")
     if counts != (1, 1):
-        raise BadInput(f"{counts[0]} inputs and {counts[1]} outputs", "one of each")
+        raise BadInput(f"of {counts[0]} inputs and {counts[1]} outputs", "one of each")
     if period is None or period is True:
-        raise BadInput(f"sampling period is {period}", "0 for continuous time, or seconds")
+        raise BadInput(f"{period}", "0 for continuous time, or seconds", key="sampling period")
     if hasattr(system, "to_zpk"):
         with warnings.catch_warnings(action="error"):
             try:

@@ -51,6 +51,8 @@ def tone(
     if not 0.0 < frequency_hz < rate_hz / 2.0:
         raise BadInput(f"tone of {frequency_hz:g} Hz at {rate_hz:g} Hz", f"between 0 and {rate_hz / 2.0:g} Hz")
     count = round(duration_s * rate_hz)
+    if duration_s > 86400.0:
+        raise BadInput(f"duration {duration_s:g} s", "at most a day, 86400 s")
     if count < 1:
         raise BadInput(f"tone of {duration_s:g} s at {rate_hz:g} Hz", "one sample or more")
     time = np.arange(count) / rate_hz
@@ -59,8 +61,10 @@ def tone(
 
 
 def sample_count(duration_s: float, rate_hz: float) -> int:
-    """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput unless there is at least one."""
+    """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput for none, and for more than a day."""
     count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
+    if duration_s > 86400.0:
+        raise BadInput(f"duration {duration_s:g} s", "at most a day, 86400 s")
     if count < 1:
         raise BadInput(f"duration {duration_s:g} s", f"at least one sample at {rate_hz:g} Hz")
     return count

@@ -163,7 +163,7 @@ class _System:
         object.__setattr__(self, "zeros", _roots(self.zeros, "zeros"))
         object.__setattr__(self, "poles", _roots(self.poles, "poles"))
         if not np.isfinite(self.gain):
-            raise BadInput(f"gain is {self.gain}", "a finite number")
+            raise BadInput(f"{self.gain}", "a finite number", key="gain")
         object.__setattr__(self, "gain", float(self.gain))
 
     def _key(self) -> tuple[Any, ...]:
@@ -201,7 +201,7 @@ class ContinuousSystem(_System):
     def __post_init__(self) -> None:
         self._settle()
         if not (np.isfinite(self.delay_s) and self.delay_s >= 0.0):
-            raise BadInput(f"delay_s is {self.delay_s}", "zero or more seconds")
+            raise BadInput(f"{self.delay_s}", "zero or more seconds", key="delay_s")
 
     @classmethod
     def from_polynomials(cls, num: ArrayLike, den: ArrayLike, delay_s: float = 0.0) -> ContinuousSystem:
@@ -266,9 +266,9 @@ class SampledSystem(_System):
     def __post_init__(self) -> None:
         self._settle()
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise BadInput(f"rate_hz is {self.rate_hz}", "a positive number of hertz")
+            raise BadInput(f"{self.rate_hz}", "a positive number of hertz", key="rate_hz")
         if int(self.delay_samples) != self.delay_samples or self.delay_samples < 0:
-            raise BadInput(f"delay_samples is {self.delay_samples}", "0, 1, 2, ...")
+            raise BadInput(f"{self.delay_samples}", "0, 1, 2, ...", key="delay_samples")
 
     @classmethod
     def from_sections(cls, sos: ArrayLike, rate_hz: float, delay_samples: int = 0) -> SampledSystem:
