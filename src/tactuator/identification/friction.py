@@ -484,7 +484,7 @@ def _moving(weighted: ComplexArray, command: ComplexArray) -> int:
 
 def _lines(rows: Sequence[FloatArray], taken: Spectrum, weight: ComplexArray) -> list[ComplexArray]:
     """Return the first lines but zero of each row (n,) at the record's command, times their weight (m,)."""
-    lines = np.fft.rfft([values[: taken.samples] for values in rows])
+    lines = np.fft.rfft([row - row.mean() for row in (values[: taken.samples] for values in rows)])
     return [weight * (row[1 : weight.size + 1] * (1.0 / np.sqrt(taken.samples))) for row in lines]
 
 
