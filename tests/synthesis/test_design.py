@@ -13,6 +13,7 @@ from tactuator.api.designed import ControllerResult
 from tactuator.errors import BadInput, NoDesign
 from tactuator.model.controller import AntiWindup, Controller
 from tactuator.model.description import Converter, Recorded
+from tactuator.model.requirements import Objectives
 from tactuator.rig.simulated import SimulatedRig
 from tactuator.signals.discretise import discretise
 from tactuator.signals.exchange import from_control, to_control
@@ -210,6 +211,22 @@ def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits
         one = replace(paper_alone().channels[0], valid_hz=(0.2, last))
         with pytest.raises((BadInput, NoDesign), match=re.escape(ends.format(f"{last:g}") + then)):
             design_controller(replace(paper_alone(), channels=(one,)), 4)
+
+
+def test_design__no_loop_found__a_sentence_and_a_short_line_for_each_thing_that_helps(monkeypatch) -> None:
+    monkeypatch.setattr(module, "synthesise", lambda *_: iter(()))
+    monkeypatch.setattr(module, "diagnosis", lambda _: ["binding: a", "works, all others kept: b"])
+    with pytest.raises(NoDesign) as caught:
+        design_controller(paper_alone(), 4)
+    sentence, *helps = caught.value.lines
+    assert sentence == "channel 'index': the search, which is local, found no loop within the limits"
+    assert helps == ["binding: a", "works, all others kept: b"]
+
+
+def test_design__resonance_peak_below_that_at_rest__is_refused_by_its_key() -> None:
+    asked = replace(paper_alone(), objectives=Objectives(resonance_peak=0.9))
+    with pytest.raises(BadInput, match=r"^resonance_peak is 0\.9; it must be 1 or more"):
+        design_controller(asked, 4)
 
 
 FREQUENCY = np.geomspace(0.3, 1500.0, 25)

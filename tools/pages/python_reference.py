@@ -199,6 +199,8 @@ def _short(hint):
         return "array_like"
     if origin is np.ndarray:
         return f"ndarray[{_short(get_args(inner[1])[0])}]"
+    if isinstance(hint, list):
+        return f"[{', '.join(map(_short, hint))}]"
     if hint is NoneType or hint is None:
         return "None"
     if hint is Any:

@@ -13,7 +13,7 @@ The functions: equal sensation level (Verrillo 1970, one exponent up to 350 Hz);
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -96,7 +96,7 @@ class IntensityFunction:
     name: str
     mean: tuple[float, ...]
     sd: tuple[float, ...]
-    level: Shape
+    level: Shape = field(repr=False)
     deviation: Deviation
 
 
