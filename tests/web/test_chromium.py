@@ -144,8 +144,10 @@ def test_operator__number_typed_with_a_comma__is_sent_as_it_was_typed_in_any_lan
         page.locator("[data-day=S1]").click()
         page.evaluate("() => { window.said = []; link.send = (message) => { said.push(message); }; }")
         form = page.locator("form.day").first
+        page.evaluate("document.documentElement.dir = 'rtl'")
         for name, text in (("skin_temperature_c", "31,5"), ("preload_n", "0,5")):
             form.locator(f"[name={name}]").click()
+            assert form.locator(f"[name={name}]").evaluate("field => getComputedStyle(field).direction") == "ltr"
             page.keyboard.press("ControlOrMeta+A")
             page.keyboard.type(text)
         form.locator("button").click()

@@ -49,7 +49,7 @@ function command(type, session) {
   refused.until = 0;
   link.send(session === undefined ? { type } : { type, session });
 }
-const percent = (share) => (share === null ? "–" : `${Math.round(100 * share)}\u00a0%`);
+const percent = (share) => (share === null ? "–" : `\u2066${Math.round(100 * share)}\u00a0%\u2069`);
 const minutes = (seconds) => (seconds === null ? "–" : word("minutes", { minutes: Math.ceil(seconds / 60) }));
 const row = (...cells) => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
 const named = (table, name) => TEXTS[`${table}_${name.replace("-", "_")}`] || name;
