@@ -34,7 +34,7 @@ def main():
 
 
 def sentence(responses):
-    """Return the largest errors, felt minus asked, of the product's default, for README's first sentence."""
+    """Return the largest level errors of the product's default, for README's first sentence."""
     all_levels, from_30 = (
         max(worst_error_db(responses, load, level) for load in (UNLOADED, LOADED) for level in LEVELS_DB_SL[first:])
         for first in (1, 2)

@@ -57,7 +57,7 @@ def opened(page, view):
     if view == "loop":  # a motor that rubs has one more
         page.evaluate("""async () => {
             const more = document.createElement("dl"), { tiles } = await import("/static/figures.js");
-            tiles(more, [{ name: "felt minus asked, lowest level", value: "-1 dB", allowed: "±1 dB", outcome: "met" }]);
+            tiles(more, [{ name: "level error, lowest level", value: "-1 dB", allowed: "±1 dB", outcome: "met" }]);
             document.querySelector(".tiles").append(...more.children); }""")
     if view in FILLED:
         page.locator("button.example").first.click()

@@ -383,10 +383,10 @@ def test_read_display__several_models__designed_for_all_and_each_named(tmp_path:
     assert controller.channels[0].designed_for == names
     flatness = judge(controller).objectives[0]
     assert {finding.load for finding in flatness.findings} == set(names)
-    rows = [finding for finding in flatness.worst() if finding.quantity == "felt minus asked"]
+    rows = [finding for finding in flatness.worst() if finding.quantity == "level error"]
     assert [finding.model for finding in rows] == ["cold", "hot"]
     of_hot = [finding for finding in flatness.findings if (finding.channel, finding.load) == ("tip", "none, hot")]
-    hot = next(finding for finding in of_hot if finding.quantity == "felt minus asked")
+    hot = next(finding for finding in of_hot if finding.quantity == "level error")
     alone = judge(controller, read_list(tmp_path, '["hot.json"]')).objectives[0].findings[0]
     assert hot.value == pytest.approx(alone.value)
 

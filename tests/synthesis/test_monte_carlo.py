@@ -55,8 +55,8 @@ def test_judge_drawn__one_unstable_loop_of_a_thousand__not_met() -> None:
     plants = drawn(np.full(1000, 1.2), stable=999)
     assert found(plants, "unstable loops").outcome is Outcome.NOT_MET
     assert found(plants, "unstable loops").value == pytest.approx(0.1)
-    assert found(plants, "felt minus asked").outcome is Outcome.MET
-    assert found(drawn(np.full(1000, 1.2), stable=700), "felt minus asked").outcome is Outcome.NOT_MET
+    assert found(plants, "level error").outcome is Outcome.MET
+    assert found(drawn(np.full(1000, 1.2), stable=700), "level error").outcome is Outcome.NOT_MET
 
 
 def test_judge_drawn__plant_of_which_nothing_is_known__not_judged() -> None:

@@ -54,7 +54,7 @@ def test_judge__three_fingers__all_four_met() -> None:
     assert {one.channel for one in verdict.objectives[0].findings} == {"index", "thumb", "middle"}
     assert {one.load for one in verdict.objectives[0].findings} == {"none", "finger"}
     assert {one.load for one in verdict.objectives[3].findings} == {"finger"}
-    loaded = only(verdict, "i", "index", "finger", "felt minus asked")
+    loaded = only(verdict, "i", "index", "finger", "level error")
     assert (loaded.outcome, (loaded.value or 0.0) > 1.0) == (Outcome.NOT_JUDGED, True)
     assert "for information only" in loaded.remark
     held = only(verdict, "iv", "thumb", "finger", "change of |H|")
@@ -192,14 +192,14 @@ def test_judge__open_loop__costs_a_resonance_that_is_off() -> None:
 
     made = design_controller(Display(8000.0, (exciter(1.0),), 1, "exciter"), 8)
     others = [judge(made, Display(8000.0, (exciter(moved),), 1, "exciter")) for moved in (0.98, 1.02)]
-    truth = max(only(other, "i", "index", "none", "felt minus asked").value or 0.0 for other in others)
+    truth = max(only(other, "i", "index", "none", "level error").value or 0.0 for other in others)
     verdict = judge(made)
-    told = only(verdict, "i", "index", "none", "felt minus asked, a mode 2 % off")
+    told = only(verdict, "i", "index", "none", "level error, a mode 2 % off")
     assert told.value == pytest.approx(truth, abs=0.03)
     assert truth > 0.7
     assert (told.outcome, told.counts, list(verdict.notices())) == (Outcome.NOT_JUDGED, False, [])
     strict = judge(made, replace(made.display, objectives=Objectives(flatness_db=0.5)))
-    assert ["felt minus asked, a mode 2 % off" in notice for notice in strict.notices()] == [True]
+    assert ["level error, a mode 2 % off" in notice for notice in strict.notices()] == [True]
     looped = judged(channel(plant=exciter(1.0).plant, loads=()))
     assert not any("a mode 2 % off" in each.quantity for each in looped.objectives[0].findings)
 
@@ -208,12 +208,12 @@ def test_judge__open_loop__costs_a_resonance_that_is_off() -> None:
     ("valid_hz", "open_ones"),
     [
         ((0.2, 400.0), set()),
-        ((2.0, 400.0), {"felt minus asked beyond the known band"}),
-        ((0.2, 100.0), {"felt minus asked beyond the known band", "felt hum", "felt noise"}),
-        ((0.2, 15.0), {"felt minus asked beyond the known band", "felt hum", "felt noise", "max|T|"}),
+        ((2.0, 400.0), {"level error beyond the known band"}),
+        ((0.2, 100.0), {"level error beyond the known band", "felt hum", "felt noise"}),
+        ((0.2, 15.0), {"level error beyond the known band", "felt hum", "felt noise", "max|T|"}),
         (
             (500.0, 600.0),
-            {"felt minus asked beyond the known band", "felt minus asked", "felt hum", "felt noise", "max|T|"},
+            {"level error beyond the known band", "level error", "felt hum", "felt noise", "max|T|"},
         ),
     ],
     ids=["all known", "low end", "above 100 Hz", "crossover", "nothing"],
@@ -235,7 +235,7 @@ def test_judge__load_where_nothing_is_known__not_judged() -> None:
 def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_decides() -> None:
     unsure_channel = channel(loads=(), model_error_db=0.8, model_error_hz=(31.0, 35.5))
     sure, unsure, little = (
-        only(judged(one), "i", "index", "none", "felt minus asked")
+        only(judged(one), "i", "index", "none", "level error")
         for one in (channel(loads=()), unsure_channel, channel(loads=(), model_error_db=0.2))
     )
     assert sure.outcome is little.outcome is Outcome.MET
@@ -244,7 +244,7 @@ def test_judge__magnitude_that_is_unsure__counts_and_is_not_judged_where_it_deci
     assert "0.80 dB that the plant itself is unsure of" in unsure.remark
     assert "more points of its response, most of all between 31 and 35.5 Hz" in unsure.remark
     surely = judged(channel(loads=(), model_error_db=0.1), objectives=Objectives(flatness_db=0.05))
-    assert only(surely, "i", "index", "none", "felt minus asked").outcome is Outcome.NOT_MET
+    assert only(surely, "i", "index", "none", "level error").outcome is Outcome.NOT_MET
 
 
 def test_judge__tighter_tolerances__first_and_fourth_not_met() -> None:

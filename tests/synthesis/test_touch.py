@@ -15,7 +15,7 @@ from tactuator.model.controller import ChannelController, Controller, FeedForwar
 from tactuator.model.description import Channel, Converter, Display, Strength, display_document
 from tactuator.model.plant import Load
 from tactuator.model.requirements import FeedbackRequirements, Touch
-from tactuator.model.verdict import AT_LOWEST, FELT_MINUS_ASKED, Finding, Outcome
+from tactuator.model.verdict import AT_LOWEST, LEVEL_ERROR, Finding, Outcome
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact
 from tactuator.plain import plain
@@ -289,14 +289,14 @@ def test_design__for_one_contour__has_it_in_the_prefilter_and_check_says_so() ->
         (finding,) = (each for each in findings if each.quantity == quantity and each.load == "none")
         return finding
 
-    assert judged(made.display.channels[0], FELT_MINUS_ASKED).outcome is Outcome.MET
+    assert judged(made.display.channels[0], LEVEL_ERROR).outcome is Outcome.MET
     # at another level it is off by what the contours lie apart
     apart = griffin().level_db_sl_at(40.0, HERTZ) - griffin().level_db_sl_at(10.0, HERTZ) - 30.0
     low = judged(made.display.channels[0], AT_LOWEST)
     assert (low.outcome, "blended = true" in low.remark) == (Outcome.NOT_MET, True)
     assert low.value == pytest.approx(np.max(np.abs(apart)), abs=1.0)
     plain = replace(made.display.channels[0], strength=Strength())
-    assert judged(plain, FELT_MINUS_ASKED).value == pytest.approx(8.0, abs=1.0)
+    assert judged(plain, LEVEL_ERROR).value == pytest.approx(8.0, abs=1.0)
 
 
 def test_judge__reshapes_for_other_contours__is_not_told_to_reshape() -> None:

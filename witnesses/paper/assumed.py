@@ -26,7 +26,7 @@ from tactuator.signals.loop_figures import margins
 from tactuator.synthesis.objectives import judge
 
 Change = Callable[[Channel], Channel]
-HUM, NOISE, LOWEST, REACH = "felt hum", "felt noise", "felt minus asked, lowest level", "missing headroom"
+HUM, NOISE, LOWEST, REACH = "felt hum", "felt noise", "level error, lowest level", "missing headroom"
 FINGER = "change of |H|"
 
 

@@ -22,7 +22,7 @@ UP_TO_DB = 0.06
 
 
 def worst(points: list[dict[str, Any]], load: str, level: float) -> float:
-    """Return the greatest |felt minus asked|, dB."""
+    """Return the greatest |level error|, dB."""
     errors = [
         abs(20.0 * math.log10(point["measured_v"] / point["asked_v"]))
         for point in points
@@ -52,7 +52,7 @@ def wanted(found: dict[str, Any]) -> dict[str, tuple[list[float], list[float]]]:
     response, channel = found["response"], found["channel"]
     rows: dict[str, tuple[list[float], list[float]]] = {}
     for load, words in (("none", "free"), ("finger", "under a finger")):
-        rows[f"felt minus asked, {words}"] = (
+        rows[f"level error, {words}"] = (
             [worst(response["printed"], load, level) for level in (10.0, 30.0, 50.0)],
             [half_up(worst(response["ours"], load, level)) for level in (10.0, 30.0, 50.0)],
         )

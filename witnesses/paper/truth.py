@@ -83,7 +83,7 @@ def main() -> int:
     plan, most = Plan(paper_display(), found["seed"]), 0.0
     ours = tt.read_controller(given.summary.parent / "files" / "controller.json")
     known = tt.design(default_display(off(plan.display, given.motor_db)))
-    print("load     dB SL  channel   felt minus asked: end to end, truth known   greatest difference")
+    print("load     dB SL  channel   level error: end to end, truth known   greatest difference")
     for load, (level, repeats) in product(LOADS, REPEATS.items()):
         seed = plan.seed_of(f"response at {level:g} dB SL, {load}")
         seeds = [seed + k for k in range(repeats)]

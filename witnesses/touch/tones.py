@@ -58,7 +58,7 @@ def main() -> int:
                             errors.append(felt.tone_error_db(channel, played.y_v, frequency, level))
                     worst = max(worst, abs(float(np.mean(errors)))) if errors else worst
             where = "under the finger" if touched else "free"
-            kept.append(felt.verdict(f"felt minus asked at {level:g} dB SL, {where}", worst, most_db))
+            kept.append(felt.verdict(f"level error at {level:g} dB SL, {where}", worst, most_db))
     print(f"left out, since the command reached the range: {len(at_range)} {sorted(set(at_range))}")
     return 0 if all(kept) else 1
 

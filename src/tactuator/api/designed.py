@@ -112,7 +112,7 @@ class ControllerResult(Result, Controller):
                 error = db(self.response(channel.name, hertz, load) / unit_v)
                 words, style = (channel.name, "-") if load is None else (f"{channel.name}, {load}", "--")
                 curves.append(ChartLine(words, hertz, error, style, colour=number))
-        tolerance, label = self.display.objectives.flatness_db, "felt minus asked, by the model (dB)"
+        tolerance, label = self.display.objectives.flatness_db, "level error, by the model (dB)"
         return Chart(FREQUENCY, label, curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
     @checked

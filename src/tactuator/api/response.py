@@ -305,7 +305,7 @@ class MeasuredResponses(Result):
         table = self.table()
         cut = "; cut: a limit was reached" if table[-1].words else ""
         note = (
-            "felt: dB SL; error: felt minus asked; JND: the error in just-noticeable differences of "
+            "felt: dB SL; error: felt − requested, dB; JND: the error in just-noticeable differences of "
             f"{AMPLITUDE_JND_DB:g} dB; filter, load: what of the error the controller's own model expects of its "
             "prefilter and the load; rest: what it does not expect: friction, noise, another plant or load; delay: of "
             f"the phase; dist.: distortion against the fundamental, dB{cut}"

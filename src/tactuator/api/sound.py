@@ -194,7 +194,7 @@ class EqualisedResult(Result):
         flats = [(channel.name, channel.last) for channel in self.calibrated.channels]
         curves = [ChartLine(f"{name}, ± 95 %", f.frequency_hz, f.error_db, "o", f.confidence_db) for name, f in flats]
         tolerance = self.calibrated.controller.display.objectives.flatness_db
-        return Chart("frequency (Hz)", "felt minus asked (dB)", curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
+        return Chart("frequency (Hz)", "level error (dB)", curves, True, (0.0,), tolerance, AMPLITUDE_JND_DB)
 
     def tables(self) -> Sequence[ResultTable | str]:
         rows = []
@@ -202,7 +202,7 @@ class EqualisedResult(Result):
             low, high = channel.usable.band_hz
             spread = f"{channel.last.error_db.min():+.2f} to {channel.last.error_db.max():+.2f}"
             rows.append((channel.name, f"{low:.4g} to {high:.4g}", spread, channel.estimate.by, str(channel.rounds)))
-        columns = ("channel", "usable (Hz)", "felt minus asked (dB)", "plant", "corrected")
+        columns = ("channel", "usable (Hz)", "level error (dB)", "plant", "corrected")
         files = (f"written: {self.out / name}" for name in report.calibrated.FILES)
         return [ResultTable("", columns, tuple(rows)), *files]
 

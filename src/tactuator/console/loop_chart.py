@@ -18,9 +18,9 @@ from tactuator.model.plausibility import doubtful
 from tactuator.model.verdict import (
     AT_LOWEST,
     FELT_HUM,
-    FELT_MINUS_ASKED,
     FELT_NOISE,
     FINDING_COLUMNS,
+    LEVEL_ERROR,
     Finding,
     Verdict,
     finding_row,
@@ -38,7 +38,7 @@ from tactuator.synthesis.objectives import RESONANCE, judge_channel
 from tactuator.synthesis.prefilter import fit_prefilter
 from tactuator.wordlength.float32_check import buildable
 
-_TILES = (FELT_MINUS_ASKED, AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
+_TILES = (LEVEL_ERROR, AT_LOWEST, FELT_HUM, FELT_NOISE, RESONANCE, "change of |H|")
 """Quantities of a verdict that are shown in large type."""
 _BUILD = "build"
 

@@ -17,7 +17,7 @@ from tactuator.model.controller import Controller
 from tactuator.model.description import Channel, Display, Environment
 from tactuator.model.plant import DERIVATIVES
 from tactuator.model.plausibility import doubtful
-from tactuator.model.verdict import FELT_MINUS_ASKED, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
+from tactuator.model.verdict import LEVEL_ERROR, Finding, Outcome, Verdict, compared, in_jnd, verdict_of
 from tactuator.perception.curve import AMPLITUDE_JND_DB
 from tactuator.rig.rig import Rig
 from tactuator.signals.decibels import db, from_db
@@ -269,8 +269,8 @@ def expected_response(controller: Controller, name: str, load: str | None, frequ
 @dataclass(frozen=True, eq=False)
 class ResponseLevels:
     """Levels of a response at each of its frequencies, dB SL, (m,): asked for; felt, by the sensor; and predicted by
-    the controller's own model, under the response's load and without one. The error is felt minus asked; the part that
-    the model explains, by prefilter and by load, is given beside it.
+    the controller's own model, under the response's load and without one. The error is felt minus requested level; the
+    part that the model explains, by prefilter and by load, is given beside it.
     """
 
     asked_db_sl: FloatArray
@@ -345,7 +345,7 @@ def _finding(response: Response, display: Display) -> Finding:
     deciding = surely if np.any(surely) else perhaps if np.any(perhaps) else np.ones(error.shape, dtype=bool)
     worst = int(np.argmax(np.where(deciding, error, -np.inf)))
     value, at = float(error[worst]), float(response.frequency_hz[worst])
-    finding = unread(compared("i", response.channel, response.load, FELT_MINUS_ASKED, value, allowed, "dB", at))
+    finding = unread(compared("i", response.channel, response.load, LEVEL_ERROR, value, allowed, "dB", at))
     finding = replace(finding, side=float(np.sign(signed_db[worst])))
     if response.load != "none":
         remark = "for information only: objective iv judges what a load changes"

@@ -155,7 +155,7 @@ class FingerFelt:
 
     @property
     def difference_db(self) -> Levels:
-        """Return felt minus asked over the whole, for every band; NaN where less than 10 dB SL was asked."""
+        """Return the level error over the whole, for every band; NaN where less than 10 dB SL was asked."""
         return np.where(self.asked_db_sl >= HEARD_DB_SL, self.felt_db_sl - self.asked_db_sl, np.nan)
 
     @property
@@ -264,7 +264,7 @@ class FeltComparison:
 
 
 def frame_differences_db(asked_db: Levels, felt_db: Levels) -> Levels:
-    """Return the rms over bands of felt minus asked, one for each frame with a band asked for at 10 dB SL or above."""
+    """Return the rms level error over bands, one for each frame with a band asked for at 10 dB SL or above."""
     counted = asked_db >= HEARD_DB_SL
     squares = np.where(counted, felt_db - np.where(counted, asked_db, 0.0), 0.0) ** 2
     squares = np.where(counted, squares, 0.0)

@@ -27,11 +27,11 @@ OBJECTIVES = {
 }
 """What each objective asks for, in words, by its number; verdicts name them in this order."""
 
-FELT_MINUS_ASKED = "felt minus asked"
+LEVEL_ERROR = "level error"
 """What objective i is judged by: the level that is felt, less the level that was asked for."""
-MODE_OFF = f"{FELT_MINUS_ASKED}, a mode 2 % off"
+MODE_OFF = f"{LEVEL_ERROR}, a mode 2 % off"
 """What is felt without a loop where the resonance has moved by as much as it does with temperature and mounting."""
-AT_LOWEST = f"{FELT_MINUS_ASKED}, lowest level"
+AT_LOWEST = f"{LEVEL_ERROR}, lowest level"
 HEADROOM, FELT_HUM, FELT_NOISE, FELT_STEPS = "missing headroom", "felt hum", "felt noise", "felt steps of the D/A"
 _DECIDED: Mapping[str, tuple[str, ...]] = {
     "name": (), "finger": (), "travel_mm": (HEADROOM,), "range_v": (HEADROOM,), "bits": (AT_LOWEST, FELT_STEPS),

@@ -97,7 +97,7 @@ def of(runs: Responses, load: str, level_db_sl: float, channel: str | None = Non
 
 
 def worst_error_db(runs: Responses, load: str, level_db_sl: float, channel: str | None = None) -> float:
-    """Return the greatest |felt minus asked|, dB, of `of`, saturated points left out."""
+    """Return the greatest |level error|, dB, of `of`, saturated points left out."""
     return max(float(np.max(np.abs(run.error_db[~run.saturated]))) for run in of(runs, load, level_db_sl, channel))
 
 

@@ -187,7 +187,7 @@ def _response_rows(study: PaperStudy) -> list[Row]:
         basis = CURVE if load == UNLOADED else f"{CURVE}, {FINGER}"
         rows.append(
             (
-                f"felt minus asked, {words}, {named} dB SL",
+                f"level error, {words}, {named} dB SL",
                 f"within {printed} dB (“{stated}”)",
                 f"within {ours} dB",
                 basis,
@@ -243,7 +243,7 @@ def _person_rows(study: PaperStudy) -> list[Row]:
             f"{PEOPLE_}, made {made[0]:+.1f} and {made[1]:+.1f} dB",
         ),
         ("prefilter reshaped to it", "planned", f"within {study.reshaped_error_db:.2f} dB", PEOPLE_),
-        ("a spoken sentence, one signal, felt minus asked", "planned", _heard(direct), CURVE),
+        ("a spoken sentence, one signal, level error", "planned", _heard(direct), CURVE),
         ("a spoken sentence, a band on each finger", "planned", _heard(bands), CURVE),
     ]
 

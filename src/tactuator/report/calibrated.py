@@ -195,7 +195,7 @@ def equaliser_document(designed: ChannelController, rate_hz: float) -> dict[str,
 
 
 def response_document(controller: Controller, name: str) -> dict[str, Any]:
-    """Return a channel's model over its band: mm for a volt, and felt minus asked under the equaliser."""
+    """Return a channel's model over its band: mm for a volt, and the level error under the equaliser."""
     prediction = ChannelPrediction.of(controller, name)
     low, high = prediction.channel.threshold.band_hz
     frequency = np.geomspace(low, high, _POINTS)

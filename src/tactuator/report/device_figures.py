@@ -295,7 +295,7 @@ def response_figure(runs: Sequence[LevelResponse], condition: str, name: str, fl
         held_against: dict[str, Any] = {"tolerance": flatness_db, "jnd": AMPLITUDE_JND_DB}
         pair = (
             Chart(FREQUENCY, "sensor output (V)", [*asked, *volts], True, log_y=True, title=channel),
-            Chart(FREQUENCY, "felt minus asked (dB)", errors, True, (0.0,), title=channel, **held_against),
+            Chart(FREQUENCY, "level error (dB)", errors, True, (0.0,), title=channel, **held_against),
         )
         rows.append(pair)
     clean = max(
@@ -304,7 +304,7 @@ def response_figure(runs: Sequence[LevelResponse], condition: str, name: str, fl
     )
     caption = (
         f"Sensor output at {', '.join(f'{level:g}' for level in sorted({run.level_db_sl for run in runs}))} dB SL, "
-        f"{condition}: asked (lines) and measured (circles). Right: felt minus asked with its "
+        f"{condition}: asked (lines) and measured (circles). Right: level error (felt − requested) with its "
         f"confidence, what of it the controller's own model expects, the tolerance, and the smallest "
         f"just-noticeable difference of amplitude ({AMPLITUDE_JND_DB:g} dB). Largest error above 0 dB SL, saturated "
         f"points left out: {clean:.2f} dB, {clean / AMPLITUDE_JND_DB:.1f} JND."

@@ -28,10 +28,10 @@ from tactuator.model.verdict import (
     AS_IN_TEMPLATE,
     AT_LOWEST,
     FELT_HUM,
-    FELT_MINUS_ASKED,
     FELT_NOISE,
     FELT_STEPS,
     HEADROOM,
+    LEVEL_ERROR,
     MODE_OFF,
     OF_THE_LOOP,
     Finding,
@@ -159,13 +159,13 @@ class _Judge:
         frequency = band_grid_hz(self.channel, _POINTS)
         frequency = frequency[self.channel.is_known(frequency)]
         if frequency.size == 0:
-            return self.open("i", FELT_MINUS_ASKED, self.channel.known_words)
+            return self.open("i", LEVEL_ERROR, self.channel.known_words)
         error = response_error_db(self.channel, self.loop, frequency)
         levels = (self.channel.strength.strength_db_sl,) if self.strength is None else JUDGED_DB_SL
         error = furthest([error + self._shaped(frequency, level)[1] for level in levels])
         worst, unsure_db = int(np.argmax(np.abs(error))), self.channel.model_error_db
         figure = float(abs(error[worst])) + unsure_db, self.display.objectives.flatness_db, "dB"
-        finding = self.compared(("i", FELT_MINUS_ASKED), figure, float(frequency[worst]), _FLATNESS_REMEDY)
+        finding = self.compared(("i", LEVEL_ERROR), figure, float(frequency[worst]), _FLATNESS_REMEDY)
         remark = "; ".join(filter(None, [in_jnd(figure[0]), finding.remark]))
         finding = replace(finding, remark=remark, side=float(np.sign(error[worst])))
         finding = _unsure(finding, self.channel) if unsure_db > 0.0 else finding
@@ -301,7 +301,7 @@ class _Judge:
     def unknown(self) -> Iterator[Finding]:
         """Report where band and crossover leave the frequencies at which the plant is known."""
         if self.channel.unknown_words:
-            yield self.open("i", f"{FELT_MINUS_ASKED} beyond the known band", self.channel.known_words)
+            yield self.open("i", f"{LEVEL_ERROR} beyond the known band", self.channel.known_words)
         if self.loop.feedback is not None:
             crossover_hz = margins(self.loop.feedback).crossover_hz
             if not (np.isnan(crossover_hz) or self.channel.is_known(crossover_hz)):
@@ -457,7 +457,7 @@ def _findings(plants: DrawnPlants, channel: Channel, display: Display) -> Iterat
             yield _judged(plants, "iii", "max|S|", plants.sensitivity_peak, peak, "")
     if plants.load == UNLOADED:
         errors = plants.flatness_db + channel.model_error_db
-        flat = _judged(plants, "i", FELT_MINUS_ASKED, errors, asked.flatness_db, "dB")
+        flat = _judged(plants, "i", LEVEL_ERROR, errors, asked.flatness_db, "dB")
         flat = _unsure(flat, channel) if channel.model_error_db > 0.0 else flat
         yield _open(flat, "the plant is not known over the whole band (valid_hz)") if channel.unknown_words else flat
     if np.any(np.isfinite(plants.felt_hum_db_sl)):

@@ -3,7 +3,7 @@ import { make } from "./dom.js";
 import { term } from "./words.js";
 
 const NAMED = { "phase margin": ["phase margin"], "felt hum": ["hum", "felt hum"], "felt noise": ["sensation level", "felt noise"], "change of |H|": ["load", "change of |H| under load"],
-  "felt minus asked": ["prefilter", "felt minus asked"], "felt minus asked, lowest level": ["prefilter", "error, lowest level"], "max|T|": ["sensitivity", "max|T|"] };
+  "level error": ["prefilter", "level error"], "level error, lowest level": ["prefilter", "error, lowest level"], "max|T|": ["sensitivity", "max|T|"] };
 const named = (name) => (NAMED[name] ? term(NAMED[name][0], NAMED[name].at(-1)) : name);
 const IN_WORDS = { met: "met", "not met": "not met", "not judged": "not judged" };
 
