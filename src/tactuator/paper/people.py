@@ -23,7 +23,7 @@ from tactuator.arrays import FloatArray
 from tactuator.paper.lab import CONTROLLER
 from tactuator.paper.plan import PEOPLE, THRESHOLD_HZ, Plan
 from tactuator.perception.curve import ThresholdCurve
-from tactuator.processors import begin_helper, helper_context
+from tactuator.processors import begin_helper, helper_context, single_threaded
 
 CURVE = "curve.csv"
 _PROTOCOL = """# The paper's procedure, every finger at every frequency once.
@@ -113,6 +113,7 @@ def people_at_work(plan: Plan, folder: Path) -> Iterator[Callable[[], Detected]]
             pool.shutdown(wait=False, cancel_futures=True)
 
 
+@single_threaded()
 def run_subject(plan: Plan, folder: Path, name: str, store: Path) -> dict[tuple[str, float], float]:
     """Let a subject go through all runs; return the true threshold at each frequency, dB re 1 um."""
     observed = observe(

@@ -16,6 +16,7 @@ from tactuator.paper.measured import UNLOADED, Responses, Spoken, measure, other
 from tactuator.paper.people import CURVE, Detected, people_at_work
 from tactuator.paper.plan import LEVELS_DB_SL, Plan, Progress
 from tactuator.paper.printed import CHANNEL, printed_controller
+from tactuator.processors import single_threaded
 
 STEPS = (
     *("calibration", "identification", "design", "noise", "printed", "response", "friction", "fingers"),
@@ -50,6 +51,7 @@ class PaperStudy:
     spoken: tuple[Spoken, ...]
 
 
+@single_threaded()
 def run_study(plan: Plan, folder: Path, speech: Path, progress: Progress) -> PaperStudy:
     """Run the whole study. folder: for the files of every step; speech: a file that was found to be one."""
     lab = set_up(plan, folder, progress)
