@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from sqlalchemy import select
 
-from tactuator.experiment.session.session import Pace
+from tactuator.experiment.session.session import Pace, Session
 from tactuator.experiment.store import records, schema
 from tactuator.experiment.store.records import Answer
 from tactuator.experiment.words import shipped_words
@@ -84,14 +84,21 @@ def test_stop_for_today_and_pause__while_a_trial_waits__play_it_again_after(make
 
 def test_pause__while_a_trial_plays__ends_it_at_once_and_rests_the_rig(make, monkeypatch) -> None:
     lab = make(PROTOCOL.replace("lead_s = 0.01", "lead_s = 30"))
-    rig, rested, pieces = lab.apparatus.rig, [], []
-    stream, rest = rig.stream, rig.rest
+    rig, rested, pieces, asks = lab.apparatus.rig, [], [], []
+    stream, rest, present = rig.stream, rig.rest, Session.present
+
+    def presented(session, watch, halted):
+        asks.append(halted)
+        return present(session, watch, halted)
 
     def slowly(blocks):
         for trace in stream(blocks):
             pieces.append(len(trace))
+            while not asks[-1]():  # however long the pause takes to arrive
+                time.sleep(0.01)
             yield trace
 
+    monkeypatch.setattr(Session, "present", presented)
     monkeypatch.setattr(rig, "stream", slowly)
     monkeypatch.setattr(rig, "rest", lambda: (rested.append(sum(pieces)), rest()))
     with at_page(lab) as socket:

@@ -53,6 +53,7 @@ Watch = Callable[[int, bool], None]
 """A function called with (interval from 0, True) as it begins and (interval, False) as it ends, by the rig's time."""
 
 _PIECE_S = 0.02
+_UNWATCHED_PIECE_S = 5.0
 """Length of the pieces in which a reference is given to the rig; a stop takes effect within one."""
 
 
@@ -183,9 +184,10 @@ class Presenter:
 
     def _pieces(self, stretch: FloatArray, cuts: Sequence[int]) -> Iterator[FloatArray]:
         """Yield the stretch in pieces, cut at every onset and end, where a rig whose time waits stops exactly."""
-        # a bare simulation runs ahead of any watch: nobody is there to see a late cue, and a trial lasts milliseconds
-        step = len(stretch) if isinstance(self.rig, SimulatedRig) else round(_PIECE_S * self.rig.rate_hz)
-        places = sorted({*range(0, len(stretch), max(step, 1)), *cuts, len(stretch)})
+        # a bare simulation runs ahead of any watch, a second in a millisecond: nobody is there to see a late visual cue
+        piece_s = _UNWATCHED_PIECE_S if isinstance(self.rig, SimulatedRig) else _PIECE_S
+        step = max(1, round(piece_s * self.rig.rate_hz))
+        places = sorted({*range(0, len(stretch), step), *cuts, len(stretch)})
         for start, stop in pairwise(places):
             yield stretch[start:stop]
 
