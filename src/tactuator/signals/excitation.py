@@ -46,25 +46,25 @@ def tone(
 ) -> FloatArray:
     """Return the sinusoid amplitude * sin(2 pi f t), shape (n,), with ramps at both ends.
 
-    Raises BadInput for a frequency outside 0 < f < rate/2 or a duration of less than one sample.
+    Raises BadInput for a frequency outside 0 < f < rate/2, and as `sample_count` does.
     """
     if not 0.0 < frequency_hz < rate_hz / 2.0:
         raise BadInput(f"tone of {frequency_hz:g} Hz at {rate_hz:g} Hz", f"between 0 and {rate_hz / 2.0:g} Hz")
-    count = round(duration_s * rate_hz)
-    if duration_s > 86400.0:
-        raise BadInput(f"duration {duration_s:g} s", "at most a day, 86400 s")
-    if count < 1:
-        raise BadInput(f"tone of {duration_s:g} s at {rate_hz:g} Hz", "one sample or more")
+    count = sample_count(duration_s, rate_hz)
     time = np.arange(count) / rate_hz
     wave = amplitude * np.sin(2.0 * np.pi * frequency_hz * time)
     return wave * ramps(count, rate_hz, ramp_s)
 
 
+_LONGEST_S = 86400.0
+"""A day: the longest signal that is made."""
+
+
 def sample_count(duration_s: float, rate_hz: float) -> int:
     """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput for none, and for more than a day."""
     count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
-    if duration_s > 86400.0:
-        raise BadInput(f"duration {duration_s:g} s", "at most a day, 86400 s")
+    if duration_s > _LONGEST_S:
+        raise BadInput(f"duration {duration_s:g} s", f"at most a day, {_LONGEST_S:g} s")
     if count < 1:
         raise BadInput(f"duration {duration_s:g} s", f"at least one sample at {rate_hz:g} Hz")
     return count
