@@ -216,8 +216,9 @@ def test_design__model_that_ends_below_the_band__is_told_before_the_loops_limits
 def test_design__no_loop_found__a_sentence_and_a_short_line_for_each_thing_that_helps(monkeypatch) -> None:
     monkeypatch.setattr(module, "synthesise", lambda *_: iter(()))
     monkeypatch.setattr(module, "diagnosis", lambda _: ["binding: a", "works, all others kept: b"])
+    one = replace(paper_alone().channels[0], travel_mm=12.4)  # no other test designs it, and keeps what comes
     with pytest.raises(NoDesign) as caught:
-        design_controller(paper_alone(), 4)
+        design_controller(replace(paper_alone(), channels=(one,)), 4)
     sentence, *helps = caught.value.lines
     assert sentence == "channel 'index': the search, which is local, found no loop within the limits"
     assert helps == ["binding: a", "works, all others kept: b"]

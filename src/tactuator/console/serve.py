@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Thread
 from typing import Annotated
 
 from tactuator.api.option import Argument, Option
@@ -20,6 +21,7 @@ from tactuator.processors import begin_helper
 from tactuator.web.server import Address, run_server
 
 _TOKEN_BYTES = 16
+_CLOSING_S = 2.0
 _NICER = 5
 """Niceness of the process that computes figures: the processor is for the frames of a drag."""
 
@@ -83,4 +85,7 @@ def _figures_apart() -> Iterator[ProcessPoolExecutor]:
         apart.submit(int)  # it imports while the reader opens the page
         yield apart
     finally:
-        apart.shutdown(wait=False, cancel_futures=True)
+        # Python that ends while a pool closes fails now and then, with a traceback; a long figure is not waited for
+        end = Thread(target=apart.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+        end.start()
+        end.join(_CLOSING_S)
