@@ -47,6 +47,7 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 HIGHEST_RATE_HZ = 1e6  # beyond it double precision has too few digits for what is slow
+LONGEST_S = 86400.0  # a day
 SMALLEST = 1e-100
 """Size below which a number that is read must be zero, and its inverse above which a coefficient must not be: powers
 and products of others stay within a double's range. A coefficient is a product of up to 16 frequencies."""
@@ -83,7 +84,7 @@ PositiveDecibels = Annotated[Decibels, Field(gt=0.0)]
 Hertz = Annotated[Positive, _from_to(1e-6, HIGHEST_RATE_HZ)]
 Whole = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
-Seconds = Annotated[Number, Field(ge=0.0, le=86400.0)]
+Seconds = Annotated[Number, Field(ge=0.0, le=LONGEST_S)]
 Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 

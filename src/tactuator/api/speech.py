@@ -3,7 +3,9 @@
 import select
 import signal
 import sys
+import termios
 import threading
+import tty
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -356,9 +358,6 @@ def _keys_at_once() -> Iterator[None]:
     if not sys.stdin.isatty():
         yield
         return
-    import termios  # noqa: PLC0415 -- Windows has no termios
-    import tty  # noqa: PLC0415
-
     settings = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
+from tactuator.parameters import LONGEST_S
 from tactuator.signals.systems import ContinuousSystem
 
 
@@ -56,15 +57,11 @@ def tone(
     return wave * ramps(count, rate_hz, ramp_s)
 
 
-_LONGEST_S = 86400.0
-"""A day: the longest signal that is made."""
-
-
 def sample_count(duration_s: float, rate_hz: float) -> int:
     """Return the number of samples in `duration_s` at `rate_hz`. Raises BadInput for none, and for more than a day."""
     count = round(duration_s * rate_hz) if np.isfinite(duration_s) and np.isfinite(rate_hz) else 0
-    if duration_s > _LONGEST_S:
-        raise BadInput(f"duration {duration_s:g} s", f"at most a day, {_LONGEST_S:g} s")
+    if duration_s > LONGEST_S:
+        raise BadInput(f"duration {duration_s:g} s", f"at most a day, {LONGEST_S:g} s")
     if count < 1:
         raise BadInput(f"duration {duration_s:g} s", f"at least one sample at {rate_hz:g} Hz")
     return count
