@@ -123,7 +123,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def _compile(board: Board, files: list[Path], program: Path) -> None:
     """Write the program, whole or not at all, its warnings beside it. Raises BadInput with the first complaint."""
-    with atomic_path(program) as beside:
+    with atomic_path(program, None) as beside:
         command = compile_command(board, files, str(beside))
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         if done.returncode != 0:
@@ -142,7 +142,7 @@ def write_program(built: Path, out: Path) -> None:
     if out.suffix not in FORMS:
         raise BadInput(f"{out.name}: a program's name ends in {out.suffix!r}", f"{', '.join(FORMS)}")
     _require(OBJCOPY)
-    with atomic_path(out) as beside:
+    with atomic_path(out, None) as beside:
         if out.suffix == ".elf":
             shutil.copyfile(built, beside)
             return

@@ -1,13 +1,12 @@
 """What takes seconds and is asked for again with the same arguments is computed once for all workers of a run."""
 
 import hashlib
+import os
 import pickle
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Any
-
-from tactuator.io.atomic import atomic_path
 
 
 def made_once(folder: Path, compute: Callable[..., Any]) -> Callable[..., Any]:
@@ -26,8 +25,9 @@ def made_once(folder: Path, compute: Callable[..., Any]) -> Callable[..., Any]:
         said = []
         heard = {name: lambda text, name=name: (said.append((name, text)), listeners[name](text)) for name in listeners}
         result = compute(*asked, **wishes, **heard)
-        with atomic_path(file) as beside:
-            beside.write_bytes(pickle.dumps((result, said)))
+        beside = file.with_name(f"{file.name}-{os.getpid()}")
+        beside.write_bytes(pickle.dumps((result, said)))
+        beside.replace(file)
         return result
 
     return kept

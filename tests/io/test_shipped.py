@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactuator.api.option import option_in
+from tactuator.cli.commands import COMMANDS
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.file import StudyProtocol, read_protocol
@@ -310,6 +313,44 @@ def test_verb__file_of_another_kind__says_what_it_is_and_what_takes_it(command: 
         refused(*words, said=f"this is {kind.words}: {kind.goes}; expected ")
 
 
+WRITERS = {
+    "record GOOD/bench.toml --out FILE": "record",
+    "identify GOOD/record.h5 --out FILE": "model",
+    "design GOOD/bench.toml --out FILE": "controller",
+    "build GOOD/controller.json --out FILE": "image",
+    "measure response --controller GOOD/controller.json --out FILE": "measured",
+    "measure noise --controller GOOD/controller.json --write FILE": "environment",
+    "render GOOD/speech.wav --controller GOOD/controller.json --out FILE": "reference",
+    "render GOOD/speech.wav --controller GOOD/controller.json --out GOOD/new.wav --felt FILE": "reference",
+    "render GOOD/speech.wav --controller GOOD/controller.json --out GOOD/new.wav --save-coding FILE": "coding",
+    "experiment thresholds --store GOOD/store.sqlite --curve-out FILE": "curve",
+    "experiment contours GOOD/store.sqlite --out FILE": "contours",
+    "experiment backup GOOD/store.sqlite FILE": "store",
+}
+
+
+@pytest.mark.parametrize(("command", "kind"), WRITERS.items(), ids=WRITERS)
+def test_written__over_a_file_of_another_kind__is_refused_first(command, kind, folder, tmp_path, capfd) -> None:
+    refused = Program(capfd, folder).refused
+    (folder / "notes.csv").write_text("clock;amp;stage\n0;1;2\n")
+    for noun, name in {**FILES, "notes": "notes.csv"}.items():
+        there = Path(shutil.copy(folder / name, tmp_path / name))
+        if noun.startswith("reference") and there.suffix == ".wav":
+            shutil.copy(folder / "reference.json", tmp_path)
+        if (is_ := noun.split()[0]) != kind or kind == "store":
+            words = KINDS[is_].words if is_ in KINDS else "another file"
+            arguments = command.replace("FILE", str(there)).replace("GOOD", str(folder)).split()
+            refused(*arguments, said=f"{there} is {words} already; expected another name for {KINDS[kind].words}")
+            assert there.read_bytes() == (folder / name).read_bytes()
+
+
+def test_writers__every_option_that_writes_a_file__is_among_them() -> None:
+    parameters = (each for command in COMMANDS.values() for each in signature(command.function()).parameters.values())
+    written = [option.writes for each in parameters if (option := option_in(each.annotation)) is not None]
+    # figures and exports are folders; a merged store is refused by itself
+    assert sorted(kind for kind in written if kind not in ("", "folder")) == sorted([*WRITERS.values(), "store"])
+
+
 def test_kind__of_what_is_none__is_not_guessed(tmp_path: Path) -> None:
     for name, content in {"a.csv": b"", "b.json": b"{}", "c.toml": b"x = 1", "d.bin": bytes(200)}.items():
         (tmp_path / name).write_bytes(content)
@@ -479,8 +520,8 @@ OURS = frozenset({"a.txt"})
 
 def test_atomic__error_in_the_middle__leaves_the_old_file_and_no_folder(tmp_path: Path) -> None:
     target = tmp_path / "a.txt"
-    write_text(target, "old")
-    with pytest.raises(KeyboardInterrupt), atomic_path(target) as beside:
+    write_text(target, "old", None)
+    with pytest.raises(KeyboardInterrupt), atomic_path(target, None) as beside:
         beside.write_text("half")
         raise KeyboardInterrupt
     assert target.read_text() == "old"
@@ -496,12 +537,12 @@ def test_atomic__store_of_an_experiment_no_folder_or_a_file_in_the_way__is_refus
         store.execute("CREATE TABLE answer (id INTEGER)")
     before = target.read_bytes()
     with pytest.raises(BadInput, match="store of an experiment"):
-        write_text(target, "frequency_hz,level_db_sl")
+        write_text(target, "frequency_hz,level_db_sl", "curve")
     assert target.read_bytes() == before
-    write_text(tmp_path / "file", "x")
+    write_text(tmp_path / "file", "x", None)
     # a folder that even root cannot write to is in /proc
     for writing, words in (
-        (atomic_path(tmp_path / "none" / "a.txt"), "is not a folder"),
+        (atomic_path(tmp_path / "none" / "a.txt", None), "is not a folder"),
         (atomic_folder(tmp_path / "file", OURS), "is a file; expected a folder"),
         (atomic_folder(tmp_path / "file" / "below" / "c", OURS), "cannot be made"),
         (atomic_folder("/proc/none/report", OURS), r"cannot be (made|written)"),

@@ -43,7 +43,7 @@ def design(
     poles: Annotated[int | None, Option("Poles of the prefilters.")] = None,
     error_db: Annotated[float | None, Option("Choose the fewest poles that keep this error.", ge=0.01)] = None,
     out: Annotated[
-        Place | None, Option("Controller file to write.", writes=True, shell=Path("controller.json"))
+        Place | None, Option("Controller file to write.", writes="controller", shell=Path("controller.json"))
     ] = None,
     figures: Figures = None,
 ) -> ControllerResult:
@@ -223,7 +223,7 @@ class ImageResult(Result):
     @checked
     def write(self, path: Place) -> None:
         """Write the image, whole or not at all."""
-        with atomic_path(path) as beside:
+        with atomic_path(path, "image") as beside:
             beside.write_bytes(self.content)
 
     def facts(self) -> Sequence[Fact]:
@@ -252,7 +252,7 @@ def _image(content: bytes, path: Place | None, **more: Any) -> ImageResult:
 
 def build_image(
     controller: ControllerFile,
-    out: Annotated[Place | None, Option("Image file to write.", writes=True, shell=...)] = None,
+    out: Annotated[Place | None, Option("Image file to write.", writes="image", shell=...)] = None,
 ) -> ImageResult:
     """Write a controller as the image that a board loads. One for which float32 is not safe is refused.
 
@@ -262,7 +262,7 @@ def build_image(
     3
     """
     loaded = read(controller)
-    with nullcontext() if out is None else atomic_path(out) as beside:  # a missing folder is reported at once
+    with nullcontext() if out is None else atomic_path(out, "image") as beside:  # a missing folder is reported at once
         with working("comparing float32 with double precision"):
             content, report = built(loaded)
         if beside is not None:

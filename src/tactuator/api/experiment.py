@@ -636,7 +636,7 @@ def thresholds(
     group: Annotated[str | None, Option("Only subjects of this group.")] = None,
     reference: Annotated[str | None, Option("Curve (name or CSV) to which dB SL referred.")] = None,
     curve_out: Annotated[
-        Place | None, Option("Write the curve across subjects (CSV) for `design`.", writes=True)
+        Place | None, Option("Write the curve across subjects (CSV) for `design`.", writes="curve")
     ] = None,
     figures: Figures = None,
     leave_out: Annotated[
@@ -661,12 +661,11 @@ def thresholds(
         except BadInput as error:
             refused = error
     if figures is not None:
-        folder = Path(figures)
         new = None if results.group is None else results.group.curve
         others = {} if results.beside is None else {results.beside_is: results.beside.curve}
-        report.felt_figures.thresholds_figure(results.people, results.reference, new, others).save(folder)
-        for subject, trials in results.psychometric.items():
-            report.felt_figures.psychometric_figure(subject, trials).save(folder)
+        drawn = [report.felt_figures.thresholds_figure(results.people, results.reference, new, others)]
+        drawn += [report.felt_figures.psychometric_figure(*of_one) for of_one in results.psychometric.items()]
+        report.figure.save_figures(drawn, Path(figures))
     return StoreThresholds(results, refused)
 
 
@@ -681,7 +680,7 @@ class ExportedResult(Result):
 
 def export(
     store: StoreFile,
-    out: Annotated[Place, Option("File or folder to write.", writes=True)],
+    out: Annotated[Place, Option("File or folder to write.", writes="folder")],
     form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
     voided: Voided = False,
 ) -> ExportedResult:
@@ -700,7 +699,7 @@ class BackupResult(Result):
 
 def backup(
     store: Annotated[Place, Argument("Store of the experiment: a file (SQLite).", metavar="STORE", type=str)],
-    out: Annotated[Place, Argument("File to write.", metavar="OUT", writes=True)],
+    out: Annotated[Place, Argument("File to write.", metavar="OUT", writes="store")],
 ) -> BackupResult:
     """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
     with closing(Store(store, must_exist=True, whole=False)) as database:
@@ -717,7 +716,7 @@ class MergedResult(Result):
 
 def merge(
     stores: Annotated[Sequence[Place], Argument("Stores to copy.", file=True, type=list[Path])],
-    out: Annotated[Place, Option("Store to write: a new file.", writes=True)],
+    out: Annotated[Place, Option("Store to write: a new file.", writes="store")],
 ) -> MergedResult:
     """Copy several stores into a new one. Their studies stay apart, also those of one name.
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from tactuator.api.option import Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, Seed, chosen_controller
 from tactuator.api.progress import working
-from tactuator.io.atomic import atomic_folder, write_text
+from tactuator.io.atomic import atomic_folder
 from tactuator.result import Column, Fact, Result, found, rows_of
 from tactuator.speech.items import (
     CUTANEOUS,
@@ -96,7 +96,7 @@ def waveforms(
         with working("rendering waveforms"):
             written = write_waveforms(waveform_set, loaded, beside)
         study = f"waveforms of {1e3 * duration:g} ms"
-        write_text(beside / PROTOCOL, recognition_protocol(study, written, repetitions, seed))
+        (beside / PROTOCOL).write_text(recognition_protocol(study, written, repetitions, seed), encoding="utf-8")
     return ItemsResult(Path(out), written)
 
 
@@ -120,7 +120,8 @@ def phonemes(
     with _folder(out, CODES) as beside:
         with working("coding phonemes"):
             written = write_phonemes(loaded, level, placed, beside)
-        write_text(beside / PROTOCOL, recognition_protocol("phonemes by TAPS", written, repetitions, seed))
+        protocol = recognition_protocol("phonemes by TAPS", written, repetitions, seed)
+        (beside / PROTOCOL).write_text(protocol, encoding="utf-8")
     return ItemsResult(Path(out), written, layout_notes(placed))
 
 

@@ -108,7 +108,7 @@ class RecordingResult(Result):
 def record(
     display: Annotated[Display | Place, Argument("Display file (TOML).", file=True)],
     channel: Annotated[str | None, Option("Channel (default: the first).")] = None,
-    out: Annotated[Place | None, Option("Record to write (HDF5).", writes=True, shell=Path("record.h5"))] = None,
+    out: Annotated[Place | None, Option("Record to write (HDF5).", writes="record", shell=Path("record.h5"))] = None,
     duration_s: Annotated[float, Option("Seconds.")] = 60.0,
     excitation: Annotated[str, Option(", ".join(EXCITATIONS) + ".")] = "mix",
     travel_share: Annotated[float, Option("Share of the travel used.")] = 0.5,
@@ -282,7 +282,7 @@ def identify(
             type=list[Path] | None,
         ),
     ] = None,
-    out: Annotated[Place | None, Option("Model file to write (JSON).", writes=True)] = None,
+    out: Annotated[Place | None, Option("Model file to write (JSON).", writes="model")] = None,
     figures: Figures = None,
 ) -> Identification | ResponseFit:
     """Identify a model of a recorded mechanism. Exit status 1 if the model is not to be trusted.

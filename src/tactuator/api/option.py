@@ -27,7 +27,7 @@ class Option(GroupedMetadata):
     ge, le: bounds, included.
     metavar: what the help shows in place of a value.
     file: whether it is a file or folder that must exist.
-    writes: whether it is one that is written.
+    writes: kind of the file that is written there, of `KINDS`, or folder.
     type: the command line's type, where a Python caller may give others as well.
     shell: the command line's default.
     """
@@ -38,7 +38,7 @@ class Option(GroupedMetadata):
     le: float | None = None
     metavar: str | None = None
     file: bool = False
-    writes: bool = False
+    writes: str = ""
     type: Any = None
     shell: Any = AS_IN_PYTHON
 

@@ -36,7 +36,7 @@ RIG_HELP = "simulated, in-process, board:URL, sound:DEVICE."
 Seed = Annotated[int, Option("Seed of all randomness; the same seed, the same result.", ge=0)]
 DisplayOption = Annotated[Display | Place | None, Option(DISPLAY_HELP, file=True)]
 ControllerOption = Annotated[Controller | Place | None, Option(CONTROLLER_HELP, file=True, shell=None)]
-Figures = Annotated[Place | None, Option("Folder for the figures (SVG, and their numbers as CSV).", writes=True)]
+Figures = Annotated[Place | None, Option("Folder for the figures (SVG, and their numbers as CSV).", writes="folder")]
 RigOption = Annotated[Rig | str, Option(RIG_HELP, type=str, shell="simulated")]
 Lsl = Annotated[bool, Option("Send onsets, levels and answers by Lab Streaming Layer.")]
 Channels = Annotated[Sequence[str] | None, Option("Channel (default: all).", ("--channel",), type=list[str] | None)]

@@ -103,7 +103,7 @@ class FeltLevels(Result):
             *self.verdict.told(),
             *(found(felt.channel, _felt_words(felt)) for felt in self.channels),
             *data({"runs": runs, "not_played": self.not_played}),
-            Fact("written", self.written, "written", summary=True),
+            Fact("written", self.written),
             *data(self.verdict.document()),
         ]
 
@@ -169,7 +169,7 @@ def measure_noise(
     mains_hz: MainsHz = None,
     write: Annotated[
         Place | None,
-        Option("File for the sensor's hum and noise, for [environment] measured.", type=Path | None),
+        Option("File for the sensor's hum and noise, for [environment] measured.", writes="environment"),
     ] = None,
     seed: Seed = 0,
 ) -> FeltLevels:
@@ -382,7 +382,7 @@ def measure_response(
     confidence_db: Confidence = MeasurementOptions.confidence_db,
     longest_s: Longest = MeasurementOptions.longest_s,
     coverage: float = MeasurementOptions.coverage,
-    out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes=True)] = None,
+    out: Annotated[Place | None, Option("Response to write (.h5 or .csv).", writes="measured")] = None,
     figures: Figures = None,
     seed: Seed = 0,
 ) -> MeasuredResponses:

@@ -249,21 +249,19 @@ def calibrate_display(
 def _equalised(described: Display, rig: str, out: Path, asked: CalibrationRequest, seed: int) -> EqualisedResult:
     if not rig.startswith("sound:"):
         raise BadInput(f"rig {rig!r}", "sound:DEVICE[@RATE], a display without loop on a sound card")
-    with open_rig(rig, described, seed) as card, working("calibrating") as step:
-        assert isinstance(card, SoundRig)
+    with report.calibrated.calibrated_folder(out, described) as beside:
         try:
-            calibrated = calibrate(card, asked, np.random.default_rng(seed), lambda text: step(text=text))
+            with open_rig(rig, described, seed) as card, working("calibrating") as step:
+                assert isinstance(card, SoundRig)
+                calibrated = calibrate(card, asked, np.random.default_rng(seed), lambda text: step(text=text))
+                gaps = card.gaps
         except NoEqualiser as reached:
-            raise _kept(reached, rig, out) from None
-        gaps = card.gaps
-    report.calibrated.write_calibrated(out, calibrated, asked, rig, _now(), gaps)
-    return EqualisedResult(calibrated, out, gaps)
-
-
-def _kept(reached: NoEqualiser, rig: str, out: Path) -> NoDesign:
-    names = ", ".join(report.calibrated.write_measured(out, reached, rig, _now()))
-    return NoDesign(
-        f"{reached}. What was measured is kept in {out} ({names}); `tactuator design {out / 'display.toml'}` goes on "
+            refused, names = reached, ", ".join(report.calibrated.write_measured(beside, reached, rig, _now()))
+        else:
+            report.calibrated.write_calibrated(beside, calibrated, asked, rig, _now(), gaps)
+            return EqualisedResult(calibrated, out, gaps)
+    raise NoDesign(
+        f"{refused}. What was measured is kept in {out} ({names}); `tactuator design {out / 'display.toml'}` goes on "
         "from there, with a narrower band_hz or other poles"
     )
 

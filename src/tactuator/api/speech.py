@@ -176,16 +176,22 @@ def render(
         Argument("Speech (WAV, FLAC, ...), clip (.haptic, .ahap), alignment (.TextGrid); or a folder.", file=True),
     ],
     controller: ControllerOption,
-    out: Annotated[Place, Option("Reference to write: .wav (with NAME.json) or .h5; of a folder, one.", writes=True)],
+    out: Annotated[
+        Place, Option("Reference to write: .wav (with NAME.json) or .h5; of a folder, one.", writes="reference")
+    ],
     coding: Annotated[str, Option(CODING_HELP)] = CODING,
     level_db_sl: Annotated[
         float, Option("Of an utterance, a clip's strength 1, a burst; dB SL.", ("--level",))
     ] = LEVEL_DB_SL,
     *,
     display: DisplayOption = None,
-    felt: Annotated[Place | None, Option("File for what the simulated display's fingers feel.", writes=True)] = None,
+    felt: Annotated[
+        Place | None, Option("File for what the simulated display's fingers feel.", writes="reference")
+    ] = None,
     figures: Figures = None,
-    save_coding: Annotated[Place | None, Option("TOML file for the coding, with every parameter.", writes=True)] = None,
+    save_coding: Annotated[
+        Place | None, Option("TOML file for the coding, with every parameter.", writes="coding")
+    ] = None,
     seed: Seed = 0,
     most_loss_db: Annotated[float, Option("Of a clip: greatest shortfall, dB.", ("--most-loss",), ge=0)] = MOST_LOSS_DB,
     legacy: Annotated[

@@ -109,7 +109,7 @@ def contours(
     curve: Annotated[
         str | None, Option("Curve (name or CSV) to which the contours' dB SL refer; default: the display's.")
     ] = None,
-    out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes=True)] = None,
+    out: Annotated[Place | None, Option("Write the contours (CSV) for a display file.", writes="contours")] = None,
     figures: Figures = None,
     voided: Voided = False,
 ) -> StoreContours:
@@ -128,7 +128,8 @@ def contours(
             raise BadInput(f"subject {subject!r} has no matches", ", ".join(people) or "one who has")
         write_contours(Path(out), result._contours()[0] if subject is None else people[subject])
     if figures is not None and results.group is not None:
-        report.chart.chart_figure(result.chart(), "contours", results.group.source).save(Path(figures))
+        drawn = report.chart.chart_figure(result.chart(), "contours", results.group.source)
+        report.figure.save_figures([drawn], Path(figures))
     return result
 
 
@@ -188,5 +189,6 @@ def judged(
     keys, simulated = kinds[kind], any(run.simulated for run in runs)
     result = StoreJudged(kind, len(runs), keys.results(runs, words), keys.chart(runs, words), simulated)
     if figures is not None:
-        report.chart.chart_figure(result.chart(), kind, f"{len(runs)} runs").save(Path(figures))
+        drawn = report.chart.chart_figure(result.chart(), kind, f"{len(runs)} runs")
+        report.figure.save_figures([drawn], Path(figures))
     return result

@@ -12,7 +12,7 @@ from tactuator.api.progress import watched
 from tactuator.cli.output import Bars, answer
 from tactuator.errors import BadInput, Interrupted, reason_of
 from tactuator.io.atomic import check_parent
-from tactuator.io.kinds import KINDS, require_kind
+from tactuator.io.kinds import KINDS, require_kind, require_replaceable
 from tactuator.io.text import parse_toml, read_text
 
 DOES_NOT_HOLD = 1
@@ -39,7 +39,7 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
         for name, option in known.items():
             if option.file:
                 _look_for(name, given[name])
-        _keep_what_is_read(known, given)
+        _keep_what_is_there(known, given)
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
         for place in places:
             if place.suffix:  # folders are made with those above them
@@ -91,9 +91,9 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=spelled, annotation=kind)
 
 
-def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
-    """Raise BadInput where what is written would replace what is read: an argument, or what a TOML file names; first
-    for an argument that is not of the kind it is read as.
+def _keep_what_is_there(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
+    """Raise BadInput where what is written would replace what is read (an argument, or what a TOML file names) or a
+    file of another kind; first for an argument that is not of the kind it is read as.
     """
     inputs = [
         (name, given_path, path)
@@ -109,6 +109,8 @@ def _keep_what_is_read(known: Mapping[str, Option], given: Mapping[str, Any]) ->
                     if read in KINDS:
                         require_kind(argument, read)
                     raise BadInput(f"{name} {place} is the {read} itself, or a file that it names", "another name")
+            if option.writes in KINDS:
+                require_replaceable(place, option.writes)
 
 
 def _changed_ns(place: Path) -> int:

@@ -103,7 +103,7 @@ class Fitted(Result):
     @checked
     def write(self, path: str | PathLike[str]) -> None:
         """Write the model file, whole or not at all."""
-        write_text(path, identified_text(self.model))
+        write_text(path, identified_text(self.model), "model")
 
     def _document(self) -> dict[str, Any]:
         model = self.model

@@ -11,42 +11,32 @@ from pathlib import Path
 from uuid import uuid4
 
 from tactuator.errors import BadInput
-
-STORE_MARK = b"SQLite format 3"
-"""How the file of a store begins."""
+from tactuator.io.kinds import require_replaceable
 
 
 @contextmanager
-def atomic_path(path: str | os.PathLike[str], is_store: bool = False) -> Iterator[Path]:
+def atomic_path(path: str | os.PathLike[str], kind: str | None) -> Iterator[Path]:
     """Yield a path beside `path` to write to; renamed to `path` at the end, removed on any error.
 
-    is_store: what is written is a store. Raises BadInput where the folder is missing or cannot be written, and where a
-    store of subjects' answers would be replaced by anything else.
+    kind: of the file, of `KINDS`, None for one of no kind that is known. Raises BadInput where the folder is missing or cannot be written, and as
+    `require_replaceable` does.
     """
     target = Path(path)
     check_parent(target)
-    if target.exists():
-        if not target.is_file():
-            raise BadInput(f"{path} is a folder or a device", "the name of a file")
-        if not is_store and _begins_as_a_store(target):
-            raise BadInput(f"{path} is the store of an experiment", "another name: answers are never written over")
+    if target.exists() and not target.is_file():
+        raise BadInput(f"{path} is a folder or a device", "the name of a file")
+    require_replaceable(target, kind)
     # the name is known before the file is there: a Ctrl-C between the two leaves nothing
     beside = target.with_name(f".{target.stem}-{_token()}{target.suffix}")
     try:
         with _told_of_a_full_disk(path):
-            mode = 0o600 if is_store else 0o666  # subjects' answers are private from the first byte
+            mode = 0o600 if kind == "store" else 0o666  # subjects' answers are private from the first byte
             os.close(os.open(beside, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode))
             yield beside
         beside.replace(target)
     except BaseException:
         beside.unlink(missing_ok=True)
         raise
-
-
-def _begins_as_a_store(path: Path) -> bool:
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(len(STORE_MARK)) == STORE_MARK
-    return False
 
 
 @contextmanager
@@ -121,9 +111,9 @@ def _take_the_place_of(target: Path, beside: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` (UTF-8) to `path`, whole or not at all."""
-    with atomic_path(path) as beside:
+def write_text(path: str | os.PathLike[str], text: str, kind: str) -> None:
+    """Write `text` (UTF-8) to `path`, whole or not at all; kind: as for `atomic_path`."""
+    with atomic_path(path, kind) as beside:
         beside.write_text(text, encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ from tactuator.parameters import from_table
 
 def write_controller(path: str | Path, controller: Controller) -> None:
     """Write controller.json, whole or not at all."""
-    write_text(path, controller_text(controller))
+    write_text(path, controller_text(controller), "controller")
 
 
 def controller_text(controller: Controller) -> str:

@@ -192,7 +192,7 @@ def write_curve(
     Raises BadInput for a curve of bounds alone.
     """
     threshold.require_measured()
-    write_text(path, curve_text(threshold, circumstances))
+    write_text(path, curve_text(threshold, circumstances), "curve")
 
 
 def curve_text(threshold: ThresholdCurve, circumstances: Mapping[str, Sequence[object]] | None = None) -> str:
@@ -261,7 +261,7 @@ def write_contours(path: str | Path, contours: Contours) -> None:
         for row, level in enumerate(contours.level_db_sl.tolist())
         for column, frequency in enumerate(contours.frequency_hz.tolist())
     )
-    write_text(path, csv_text((*_CONTOUR_COLUMNS[:2], *tables), rows, head))
+    write_text(path, csv_text((*_CONTOUR_COLUMNS[:2], *tables), rows, head), "contours")
 
 
 @dataclass(frozen=True, eq=False)

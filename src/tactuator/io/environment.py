@@ -22,7 +22,7 @@ def write_environment(path: str | Path, channels: Mapping[str, Mapping[str, Any]
     """Write the keys of [environment] that were found of every channel, by its name, whole or not at all."""
     found_of = {name: dict(keys) for name, keys in channels.items()}
     document = {"format": ENVIRONMENT_FORMAT, "tool": __version__, "channels": found_of}
-    write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n", "environment")
 
 
 def read_environment(path: str | Path, channel: str) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from tactuator.errors import BadInput, within
-from tactuator.io.atomic import STORE_MARK
 from tactuator.io.hdf5 import opened_hdf5
 from tactuator.io.text import encoding_of, parse_toml, read_finite_json
 
@@ -45,6 +44,8 @@ KINDS: Mapping[str, Kind] = {
 }
 """Kinds of files by name."""
 
+STORE_MARK = b"SQLite format 3"
+"""How the file of a store begins."""
 _HEAD = 1 << 16
 _FORMAT = re.compile(rb'"format"\s*:\s*"tactuator-(\w+)/')
 _FORMATS = {name: name for name in ("record", "model", "controller", "reference", "environment")} | {
@@ -135,6 +136,16 @@ def require_kind(path: Path, *wanted: str) -> None:
         is_ = KINDS[kind]
         allowed = " or ".join(KINDS[name].words for name in wanted)
         raise BadInput(f"this is {is_.words}: {is_.goes}", allowed, where=(f"{path}",))
+
+
+def require_replaceable(path: Path, kind: str | None) -> None:
+    """Raise BadInput where a file is there that is not one of that kind, or a store: it may be the only copy."""
+    if not path.is_file() or path.stat().st_size == 0:
+        return
+    there = kind_of(path)
+    if there != kind or kind == "store":
+        words = "another file" if there is None else KINDS[there].words
+        raise BadInput(f"{path} is {words} already", f"another name{'' if kind is None else f' for {KINDS[kind].words}'}")
 
 
 def read_document(path: Path, kind: str, form: str) -> dict[str, Any]:

@@ -35,7 +35,7 @@ def model_document(model: PlantModel, family: Sequence[ContinuousSystem] = ()) -
 
 def write_model(path: str | Path, model: PlantModel, family: Sequence[ContinuousSystem] = ()) -> None:
     """Write model.json, whole or not at all."""
-    write_text(path, _text(model, family))
+    write_text(path, _text(model, family), "model")
 
 
 def identified_text(model: PlantModel) -> str:

@@ -406,7 +406,7 @@ def _leans(column: ColumnName) -> int:
 
 def write_record(path: str | Path, record: Record) -> None:
     """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes."""
-    with atomic_path(path) as beside, written_hdf5(beside) as written:
+    with atomic_path(path, "record") as beside, written_hdf5(beside) as written:
         file = written.file
         file.attrs["format"] = FORMAT
         file.attrs["tool"] = __version__

@@ -29,7 +29,7 @@ from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path, write_text
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
-from tactuator.io.kinds import kind_of, require_kind
+from tactuator.io.kinds import require_kind, require_replaceable
 from tactuator.io.sound import forget_time, require_whole, without_remarks
 from tactuator.io.text import read_finite_json
 from tactuator.model.description import Channel
@@ -155,9 +155,9 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
     if path.suffix == ".wav" and head.rate_hz != int(head.rate_hz):
         raise BadInput(f"{path}: rate {head.rate_hz:g} Hz; allowed in a WAV: a whole number of hertz")
     head_path = path.with_suffix(".json")
-    if path.suffix == ".wav" and head_path.exists() and kind_of(head_path) != "reference":
-        raise BadInput(f"{head_path} is there, and not the head of a reference", "a name beside which that is free")
-    with atomic_path(path) as beside:
+    if path.suffix == ".wav":
+        require_replaceable(head_path, "reference")
+    with atomic_path(path, "reference") as beside:
         with _writing(path):
             _require_room(beside, frames, len(head.channels))
         if path.suffix == ".wav":
@@ -169,7 +169,7 @@ def write_reference(path: str | Path, head: ReferenceHead, frames: int = 0) -> I
                 writer = ReferenceWriter(file, head, path)
                 yield writer
             forget_time(beside)
-            write_text(head_path, writer.document())
+            write_text(head_path, writer.document(), "reference")
         else:
             with _writing(path), written_hdf5(beside) as written:
                 writer = ReferenceWriter(_dataset(written.file, head), head, path, written.check)

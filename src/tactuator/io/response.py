@@ -14,7 +14,7 @@ from tactuator.errors import BadInput
 from tactuator.io.atomic import atomic_path
 from tactuator.io.csv_text import csv_text
 from tactuator.io.hdf5 import opened_hdf5, written_hdf5
-from tactuator.io.kinds import require_kind
+from tactuator.io.kinds import require_kind, require_replaceable
 from tactuator.signals.record import Response
 
 FORMAT = "tactuator-response/1"
@@ -36,16 +36,17 @@ _DERIVED = {"magnitude_v": "V", "phase_rad": "rad", "latency_s": "s"}
 
 
 def check_response_path(path: str | Path) -> None:
-    """Refuse a path that responses cannot be written to, by its ending: a measurement may take an hour."""
+    """Refuse a path that responses cannot be written to: a measurement may take an hour."""
     ending = Path(path).suffix.lower()
     if ending not in (".h5", ".hdf5", ".csv"):
         raise BadInput(f"response {path}: ending {ending!r}", ".h5, .hdf5, .csv")
+    require_replaceable(Path(path), "measured")
 
 
 def write_responses(path: str | Path, responses: Sequence[Response]) -> None:
     """Write responses, one group each (.h5, .hdf5), or one row for each point (.csv); whole or not at all."""
     check_response_path(path)
-    with atomic_path(path) as beside:
+    with atomic_path(path, "measured") as beside:
         if Path(path).suffix.lower() == ".csv":
             beside.write_text(responses_csv(responses), encoding="utf-8", newline="")
         else:

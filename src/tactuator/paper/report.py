@@ -38,7 +38,7 @@ from tactuator.report.felt_figures import (
     threshold_figure,
     thresholds_figure,
 )
-from tactuator.report.figure import ReportFigure
+from tactuator.report.figure import ReportFigure, save_figures
 
 
 def report_page(study: PaperStudy, figures: Sequence[ReportFigure]) -> str:
@@ -196,8 +196,6 @@ OWN_NAMES = frozenset({"report.html", "figures", "summary.json", "files"})
 def publish(study: PaperStudy, folder: Path) -> None:
     """Write page, figures and summary into `folder`, in which the study's files are."""
     drawn = figures(study)
-    (folder / "figures").mkdir()
-    for figure in drawn:
-        figure.save(folder / "figures")
+    save_figures(drawn, folder / "figures")
     (folder / "report.html").write_text(report_page(study, drawn), encoding="utf-8")
     (folder / "summary.json").write_text(summary_text(study), encoding="utf-8")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -17,7 +18,7 @@ import soundfile
 
 from tactuator import __version__
 from tactuator.arrays import FloatArray
-from tactuator.io.atomic import atomic_path, write_text
+from tactuator.io.atomic import atomic_folder
 from tactuator.io.controller import write_controller
 from tactuator.io.model import write_model
 from tactuator.io.record import write_record
@@ -25,7 +26,7 @@ from tactuator.io.text import toml_text
 from tactuator.measure.error import ChannelPrediction
 from tactuator.measure.open_loop import Calibrated, CalibratedChannel, CalibrationRequest, Flatness, NoEqualiser
 from tactuator.model.controller import ChannelController, Controller
-from tactuator.model.description import display_document
+from tactuator.model.description import Display, display_document
 from tactuator.signals.decibels import db
 from tactuator.signals.record import Record
 
@@ -112,26 +113,35 @@ _PER = {"displacement": "", "velocity": "/s", "acceleration": "/s²"}
 
 
 FILES = ("display.toml", "controller.json", "report.md", "equaliser.json", "response.json")
+_OF_A_CHANNEL = ("equaliser.wav", "model.json", "record.h5")
+
+
+def calibrated_folder(out: Path, display: Display) -> AbstractContextManager[Path]:
+    """Return the context of an empty folder for what is written here, which takes the place of `out` at its end.
+
+    Raises BadInput for a folder that holds anything else.
+    """
+    of_channels = {f"{channel.name}.{ending}" for channel in display.channels for ending in _OF_A_CHANNEL}
+    return atomic_folder(out, frozenset({*FILES, *of_channels}))
 
 
 def write_calibrated(
     folder: Path, calibrated: Calibrated, asked: CalibrationRequest, rig: str, date: str, gaps: int
 ) -> None:
     """Write FILES into `folder`, and each channel's NAME.equaliser.wav and, where there is a model, NAME.model.json."""
-    folder.mkdir(parents=True, exist_ok=True)
     controller = calibrated.controller
     rate_hz = controller.rate_hz
-    write_text(folder / "display.toml", toml_text(display_document(controller.display)))
+    (folder / "display.toml").write_text(toml_text(display_document(controller.display)), encoding="utf-8")
     write_controller(folder / "controller.json", controller)
-    write_text(folder / "report.md", open_loop_page(calibrated, asked, rig, date, gaps))
+    (folder / "report.md").write_text(open_loop_page(calibrated, asked, rig, date, gaps), encoding="utf-8")
     equalisers = []
     for channel, designed in zip(calibrated.channels, controller.channels, strict=True):
         if channel.estimate.model is not None:
             write_model(folder / f"{channel.name}.model.json", channel.estimate.model)
         impulse, volts = impulse_response(designed, rate_hz)
-        with atomic_path(folder / f"{channel.name}.equaliser.wav") as beside:
-            soundfile.write(beside, impulse, round(rate_hz), subtype="FLOAT", format="WAV")
-        wave = {"file": f"{channel.name}.equaliser.wav", "volts_of_1": volts}
+        wave_path = folder / f"{channel.name}.equaliser.wav"
+        soundfile.write(wave_path, impulse, round(rate_hz), subtype="FLOAT", format="WAV")
+        wave = {"file": wave_path.name, "volts_of_1": volts}
         equalisers.append(equaliser_document(designed, rate_hz) | {"impulse_response": wave})
     _write_json(folder / "equaliser.json", {"channels": equalisers})
     responses = [response_document(controller, channel.name) for channel in calibrated.channels]
@@ -142,9 +152,8 @@ def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> t
     """Write what was measured before there was no equaliser, and return the files' names: display.toml with the plants
     that were found, and each channel's NAME.record.h5 and, where there is a model, NAME.model.json.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     names = ["display.toml"]
-    write_text(folder / "display.toml", toml_text(display_document(reached.display)))
+    (folder / "display.toml").write_text(toml_text(display_document(reached.display)), encoding="utf-8")
     for known in reached.known:
         name, recording = known.channel.name, known.recording
         about = {"rig": rig, "channel": name, "display": reached.display.name, "hold": "band-limited", "date": date}
@@ -158,7 +167,7 @@ def write_measured(folder: Path, reached: NoEqualiser, rig: str, date: str) -> t
 
 
 def _write_json(path: Path, document: Mapping[str, Any]) -> None:
-    write_text(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 _QUIET, _LONGEST_S, _FADE = 1e-4, 1.0, 0.1

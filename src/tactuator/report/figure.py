@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.errors import BadInput
-from tactuator.io.atomic import atomic_folder, write_text
+from tactuator.io.atomic import atomic_folder
 from tactuator.io.csv_text import csv_text
 from tactuator.result import NOBODY_FELT_IT
 
@@ -125,12 +125,6 @@ class ReportFigure:
         """Return the table as CSV text, floats with nine digits."""
         return csv_text(self.table, zip(*self.table.values(), strict=True), digits=9)
 
-    def save(self, folder: Path) -> None:
-        """Write NAME.svg and NAME.csv into `folder`, which is made if it is not there, each whole or not at all."""
-        folder.mkdir(parents=True, exist_ok=True)
-        write_text(folder / f"{self.name}.svg", self.svg())
-        write_text(folder / f"{self.name}.csv", self.csv())
-
 
 def table_of(names: Sequence[str], rows: Iterable[Sequence[object]]) -> dict[str, list[object]]:
     """Return rows as the columns of a figure's table, by name."""
@@ -152,4 +146,5 @@ def save_figures(figures: Sequence[ReportFigure], folder: Path) -> None:
     own_names = frozenset(f"{figure.name}.{ending}" for figure in figures for ending in ("svg", "csv"))
     with atomic_folder(folder, own_names) as beside:
         for figure in figures:
-            figure.save(beside)
+            (beside / f"{figure.name}.svg").write_text(figure.svg(), encoding="utf-8")
+            (beside / f"{figure.name}.csv").write_text(figure.csv(), encoding="utf-8")

@@ -190,4 +190,4 @@ def _without_none(value: Any) -> Any:
 
 def write_coding(path: str | Path, coding: Coding) -> None:
     """Write a coding as TOML, every parameter in it: a place to start one's own from."""
-    write_text(path, toml_text(coding_document(coding)))
+    write_text(path, toml_text(coding_document(coding)), "coding")

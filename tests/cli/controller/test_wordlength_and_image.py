@@ -26,10 +26,10 @@ def test_loop_that_does_not_close__float32_is_not_safe_and_no_image_is_built(des
     ended = run("firmware", "wordlength", "controller.json")
     assert ended.status == 1
     assert "float32: not safe" in ended.out
-    (desk / "image.bin").write_bytes(b"old")
+    (desk / "image.bin").write_bytes(b"TACI old")
     words = "float32 is not safe for this controller (unstable); expected what `firmware wordlength` calls safe"
     run.refused("build", "controller.json", "--out", "image.bin", said=words)
-    assert (desk / "image.bin").read_bytes() == b"old"
+    assert (desk / "image.bin").read_bytes() == b"TACI old"
 
 
 def test_build__twice_then_image__same_bytes_and_say_the_same_of_them(desk, run) -> None:

@@ -205,9 +205,9 @@ def test_backup__of_a_store_that_is_written_to__is_whole_every_time(tmp_path, co
     path = tmp_path / "lab.db"
     writer = subprocess.Popen([sys.executable, "-c", WRITER, path], stdin=-1, stdout=-1, text=True)
     try:
-        for _ in range(count):
+        for k in range(count):
             before = int(writer.stdout.readline())
-            assert backup(path, tmp_path / "copy.db").answers >= before
+            assert backup(path, tmp_path / f"copy{k}.db").answers >= before
         alone = Path(shutil.copy(path, tmp_path / "alone.db"))
         with pytest.raises(BadInput, match=r"alone.db was copied.*alone.db-wal is not beside it; it holds \d+ answers"):
             Store(alone, must_exist=True)
@@ -220,8 +220,11 @@ def test_backup__of_a_store_that_is_written_to__is_whole_every_time(tmp_path, co
         pass
     assert not Path(f"{path}-wal").exists()
     Store(path, must_exist=True).close()
-    with pytest.raises(BadInput, match="the store itself"):
-        backup(path, path)
+    for there in (path, tmp_path / "copy.db"):
+        before = there.read_bytes()
+        with pytest.raises(BadInput, match="is the store of an experiment already; expected another name"):
+            backup(path, there)
+        assert there.read_bytes() == before
 
 
 @pytest.mark.parametrize("answer", [b"+OK ready\r\n", b"\0\0\0\x34\0\3\0\0"])

@@ -410,17 +410,15 @@ class Store:
     def backup(self, out: Path) -> int:
         """Write a whole copy of the store, as it is at one moment, even while others write to it.
 
-        It replaces a file at its place when it is complete. Raises BadInput where the place cannot be written.
+        Raises BadInput where a file is there, or the place cannot be written.
         """
         if not self.is_file:
             raise BadInput(f"store {self.name}", "a file; `pg_dump` copies a server's")
-        if out.exists() and os.path.samestat(out.stat(), self.path.stat()):
-            raise BadInput(f"{out} is the store itself", "another place")
         with self._faults_told():
             self._check_cells()
         with (
             self._faults_told(),
-            atomic_path(out, is_store=True) as beside,
+            atomic_path(out, "store") as beside,
             closing(sqlite3.connect(f"{self.path.resolve().as_uri()}{self._mode}", uri=True)) as source,
             closing(sqlite3.connect(beside)) as copy,
         ):
