@@ -235,7 +235,6 @@ SLIPS = (
     _record("columns swapped, piezo", "swapped", PIEZO, swapped=True),
     _record("columns swapped, LRA", "swapped", LRA, swapped=True),
     _record("polarity", "negative static gain, a polarity", turned=True),
-    _record("a column of mm, gain in V/mm", "the model is in another unit", position=5.0, position_name="position_mm"),
     _record("travel in m, with a record", "metres", travel=1e-3),
     _record("range in mV, with a record", "range_v in millivolts", range=1e3),
     _inline("travel in m", "metres", travel=1e-3),

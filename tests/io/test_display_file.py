@@ -268,7 +268,8 @@ def without_gain(**more):
     [
         ({"mass_kg": 0.0}, "mass_kg is 0; it must be a number, above 0"),
         ({"sensor_gain_v_per_n": -1.0}, "sensor_gain_v_per_n is -1; it must be a number, above 0"),
-        ({"quantity": "velocity"}, "mass_kg is not a known key"),
+        ({"quantity": "velocity"}, "mass_kg is 0.02; it must be left out, or beside quantity = .force."),
+        ({"loads": [{"name": "finger"}]}, "load 'finger' is all zero; expected a mass, damping or stiffness"),
         ({"sensor_gain_v_per_mm": 1.0}, "sensor_gain_v_per_mm is given beside quantity = 'force'"),
     ],
 )

@@ -246,7 +246,7 @@ def test_write_reference__of_too_much_or_over_another_file__refused_and_left(tmp
     with pytest.raises(BadInput, match="whole number"), write_reference(tmp_path / "r.wav", ReferenceHead(1.5, ("a",))):
         pass
     (tmp_path / "r.json").write_text('{"format": "tactuator-controller/8"}')
-    with pytest.raises(BadInput, match="r.json is a controller already"), write_reference(tmp_path / "r.wav", HEAD):
+    with pytest.raises(BadInput, match=r"r\.json is a controller already"), write_reference(tmp_path / "r.wav", HEAD):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["r.json"]
     assert "controller" in (tmp_path / "r.json").read_text()

@@ -57,6 +57,7 @@ from tactuator.model.plant_model import PlantModel
 from tactuator.perception.contours import Contours
 from tactuator.perception.curve import Contact, ThresholdCurve
 from tactuator.signals.record import Record, Response
+from tactuator.signals.systems import ContinuousSystem
 from tactuator.speech.coding import coding_of, read_coding
 from tactuator.speech.reading import scan_speech
 from tests.measure.loops import controller, display
@@ -178,11 +179,44 @@ def suppressed(word: str) -> Iterator[None]:
             raise
 
 
-def test_with_model__in_millimetres__has_a_sensor_gain_of_one():
-    in_mm = replace(MODEL, position_unit="mm")
-    text = with_model(display_template("voice-coil"), in_mm, "model.json")
-    assert tomllib.loads(text)["channel"][0]["sensor_gain_v_per_mm"] == 1.0
-    assert re.findall("(?m)^([a-z_]+) = .*CHANGE THIS", text) == ["travel_mm", "bits", "range_v"]
+@pytest.mark.parametrize(("command", "position"), [("V", "mm"), ("V", "um"), ("mV", "m"), ("V", "mV")])
+def test_display__model_in_other_units__is_that_of_the_sensors_volts(command, position, tmp_path):
+    volts = {"V": 1.0, "mV": 1e-3, "mm": 2.0, "um": 2e-3, "m": 2e3}  # of a sensor of 2 V/mm
+    scale = volts[command] / volts[position]
+    of_row = np.array([scale, 1.0, 1.0, 1.0])
+    friction = {"coulomb": 8e-3 / volts[command], "presliding": 1e-2 / volts[position]}
+    changed = {"friction": friction, "record": {"rate_hz": 4e3, "position_half_span": 1.5 / volts[position]}}
+    model = replace(MODEL, friction={"coulomb": 8e-3, "presliding": 1e-2}, covariance=np.diag([4.0, 0.1, 0.2, 0.0]),
+                    record={"rate_hz": 4e3, "position_half_span": 1.5})  # fmt: skip
+    other = replace(model, num=model.num * scale, covariance=of_row[:, None] * model.covariance * of_row,
+                    command_unit=command, position_unit=position, **changed)  # fmt: skip
+    read = []
+    for name, of in {"volts.json": model, "other.json": other}.items():
+        write_model(tmp_path / name, of, of.family(2, np.random.default_rng(0)))
+        text = with_model(display_template("voice-coil"), of, name)
+        assert re.findall("(?m)^([a-z_]+) = .*CHANGE THIS", text)[0] == "sensor_gain_v_per_mm"
+        (tmp_path / "d.toml").write_text(text)
+        read.append(read_display(tmp_path / "d.toml").channels[0])
+    plain, converted = read
+    for a, b in zip((plain.plant, *plain.family), (converted.plant, *converted.family), strict=True):
+        np.testing.assert_allclose(a.response([1.0, 30.0]), b.response([1.0, 30.0]), rtol=1e-9)
+    np.testing.assert_allclose(plain.covariance, converted.covariance)
+    assert converted.recorded.position == pytest.approx(plain.recorded.position)
+    for key in ("friction_v", "presliding_v"):
+        assert getattr(converted.environment, key) == pytest.approx(getattr(plain.environment, key))
+
+
+def test_display__response_in_micrometres__is_that_of_the_sensors_volts(tmp_path):
+    hertz = np.geomspace(20.0, 500.0, 120)
+    size = np.abs(ContinuousSystem.from_polynomials([4e6], [1.0, 300.0, 1e6]).response(hertz))
+    text = re.sub(r"(?m)^plant = \{[^}]*\}", 'plant = "r.csv"', display_template("exciter"))
+    (tmp_path / "d.toml").write_text(re.sub("(?m)^loads = .*", "", text))
+    plants = []
+    for unit, volts in {"V/V": 1.0, "um/V": 5e-3}.items():
+        rows = "".join(f"{f},{m / volts}\n" for f, m in zip(hertz, size, strict=True))
+        (tmp_path / "r.csv").write_text(f"frequency (Hz),magnitude ({unit})\n{rows}")
+        plants.append(read_display(tmp_path / "d.toml").channels[0].plant.response(hertz))
+    np.testing.assert_allclose(np.abs(plants[0]), np.abs(plants[1]), rtol=1e-6)
 
 
 @pytest.mark.parametrize("kind", [*DISPLAY_KINDS, "model"])

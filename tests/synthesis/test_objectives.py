@@ -295,7 +295,7 @@ def test_judge__load_that_makes_the_loop_unstable__says_so() -> None:
 
 
 def test_worst__twenty_loads__one_row_for_each_channel_and_quantity() -> None:
-    loads = tuple(Load(f"finger {k}", 0.01 * k, 3.0 * k, 30.0 * k) for k in range(20))
+    loads = tuple(Load(f"finger {k}", 0.01 * k, 3.0 * k, 30.0 * k) for k in range(1, 21))
     verdict = judged(channel(loads=loads))
     assert sum(len(objective.worst()) for objective in verdict.objectives) == 8
     (told,) = verdict.objectives[3].worst()

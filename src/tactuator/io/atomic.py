@@ -18,8 +18,8 @@ from tactuator.io.kinds import require_replaceable
 def atomic_path(path: str | os.PathLike[str], kind: str | None) -> Iterator[Path]:
     """Yield a path beside `path` to write to; renamed to `path` at the end, removed on any error.
 
-    kind: of the file, of `KINDS`, None for one of no kind that is known. Raises BadInput where the folder is missing or cannot be written, and as
-    `require_replaceable` does.
+    kind: of the file, of `KINDS`, None for one of no kind that is known. Raises BadInput where the folder is missing
+    or cannot be written, and as `require_replaceable` does.
     """
     target = Path(path)
     check_parent(target)

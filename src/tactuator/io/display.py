@@ -126,7 +126,9 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
     require_known(mine, parameters(Channel), where)
     given = {name: _merged(tables[name], entry, name, where) for name in SHARED_TABLES}
     feedback = from_table(FeedbackRequirements, *given["feedback"])
-    plant = given_plant(mine.pop("plant", None), beside, where, feedback.structure != "none")
+    plant = given_plant(
+        mine.pop("plant", None), beside, where, feedback.structure != "none", mine.get("sensor_gain_v_per_mm")
+    )
     if mine.get("loads") and plant.is_response:
         raise BadInput(
             "a list, while a response alone does not show what a load changes",
@@ -201,9 +203,11 @@ def _require_travel_seen(channel: Channel, where: str) -> None:
 
 def _as_acceleration(entry: Document, where: str) -> Document:
     """Return the entry of a force sensor that moves a known mass as that of an accelerometer: 1 mm/s² is mass_kg mN."""
-    if entry.get("quantity") != "force":
-        return entry
     mine = {key: entry[key] for key in parameters(ForceSensor) if key in entry}
+    if entry.get("quantity") != "force":
+        if key := next(iter(mine), ""):
+            raise BadInput(f"{mine[key]!r}", 'left out, or beside quantity = "force"', where=(where,), key=key)
+        return entry
     sensor = from_table(
         ForceSensor, mine, where, "quantity = 'force', which alone does not show how far a finger moves"
     )

@@ -145,7 +145,9 @@ def require_replaceable(path: Path, kind: str | None) -> None:
     there = kind_of(path)
     if there != kind or kind == "store":
         words = "another file" if there is None else KINDS[there].words
-        raise BadInput(f"{path} is {words} already", f"another name{'' if kind is None else f' for {KINDS[kind].words}'}")
+        raise BadInput(
+            f"{path} is {words} already", f"another name{'' if kind is None else f' for {KINDS[kind].words}'}"
+        )
 
 
 def read_document(path: Path, kind: str, form: str) -> dict[str, Any]:

@@ -9,9 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from tactuator.errors import BadInput, named_file, within
+from tactuator.io.column_name import NO_UNIT, QUANTITIES, unit_of
 from tactuator.io.columns import read_columns
 from tactuator.io.kinds import require_kind
 from tactuator.io.model import FORMAT, parse_model
@@ -47,15 +49,17 @@ class GivenPlant:
         return self.keys["plant"], *self.keys.get("family", ())
 
 
-def given_plant(plant: Any, beside: Path, where: str, looped: bool) -> GivenPlant:
-    """Return the plant of a channel; a path starts at the folder `beside`.
+def given_plant(plant: Any, beside: Path, where: str, looped: bool, sensor_gain: Any = 1.0) -> GivenPlant:
+    """Return the plant of a channel, in volts of its sensor; a path starts at the folder `beside`.
 
-    looped: whether a loop is to be closed, for which a response by itself is no plant. Raises BadInput.
+    looped: whether a loop is to be closed, for which a response by itself is no plant. sensor_gain: of the channel, in
+    V per mm, mm/s or mm/s², for files in units of motion; what is no number is refused elsewhere. Raises BadInput.
     """
+    sensor_gain = sensor_gain if isinstance(sensor_gain, float | int) else 1.0
     if plant is None:
         raise BadInput("missing", "a table, or the path of a file", where=(where,), key="plant")
     if isinstance(plant, list):
-        return _of_several(plant, beside, where)
+        return _of_several(plant, beside, where, sensor_gain)
     columns = NO_NAMES
     if isinstance(plant, Mapping) and isinstance(plant.get("file"), str):
         columns = from_table(ResponseColumns, {key: plant[key] for key in plant if key != "file"}, where, "plant")
@@ -63,58 +67,85 @@ def given_plant(plant: Any, beside: Path, where: str, looped: bool) -> GivenPlan
     if not isinstance(plant, str):
         return GivenPlant({"plant": system_of(plant, where, "plant")}, _leading(plant))
     with named_file(beside / plant, "plant"):
-        return _of_file(beside / plant, where, looped, columns)
+        return _of_file(beside / plant, where, looped, columns, sensor_gain)
 
 
-def _of_file(path: Path, where: str, looped: bool, columns: ResponseColumns) -> GivenPlant:
+def _of_file(path: Path, where: str, looped: bool, columns: ResponseColumns, sensor_gain: float) -> GivenPlant:
     with within(where, "plant"):
         require_kind(path, "model", "response")
     response = None
     if path.suffix.lower() != ".json" and os.path.isfile(path):  # noqa: PTH113  (False for any text)
         with within(where, f"plant {path}"):
             response = _response(path, path.stat().st_mtime_ns, columns)
-    return _of_model(path, where) if response is None else _of_response(response, path, where, looped)
+    if response is None:
+        return _of_model(path, where, sensor_gain)
+    return _of_response(response, path, where, looped, sensor_gain)
 
 
-def _of_model(path: Path, where: str) -> GivenPlant:
+def _volts(unit: str, sensor_gain: float) -> float:
+    """Return the volts that one unit of a record is: of motion, the sensor's; 1 for a unit that is not known."""
+    known = unit_of(unit) or NO_UNIT
+    return {"voltage": 1.0, **dict.fromkeys(QUANTITIES, 1e3 * sensor_gain)}.get(known.kind, 1.0) * known.factor
+
+
+def _of_model(path: Path, where: str, sensor_gain: float) -> GivenPlant:
     document = _model_document(path, where)
+    units = document.get("units")
+    units = units if isinstance(units, Mapping) else {}
+    command, position = (_volts(str(units.get(what, "")), sensor_gain) for what in ("command", "position"))
     table: Mapping[str, Any] = {key: document[key] for key in ("num", "den", "delay_s") if key in document}
-    system = system_of(table, where, f"plant {path}")
-    covariance = document.get("covariance") or ()
+    system, *others = (
+        replace(each, gain=each.gain * position / command)
+        for each in (
+            system_of(table, where, f"plant {path}"),
+            *(system_of(member, where, "plant", "family") for member in document.get("family") or ()),
+        )
+    )
+    covariance = np.asarray(document.get("covariance") or np.zeros((0, 0)), dtype=np.float64)
+    of_row = np.where(np.arange(len(covariance)) <= system.zeros.size, position / command, 1.0)
     keys = {
         "plant": system,
-        "family": tuple(system_of(member, where, "plant", "family") for member in document.get("family") or ()),
+        "family": tuple(others),
         "valid_hz": _valid_hz(document, where),
-        "recorded": _recorded(document, where),
+        "recorded": _recorded(document, where, command, position),
         # of a model of another order, by hand, it says nothing
-        "covariance": covariance if len(covariance) == system.zeros.size + system.poles.size + 2 else (),
+        "covariance": (of_row[:, None] * covariance * of_row).tolist()
+        if len(covariance) == system.zeros.size + system.poles.size + 2
+        else (),
     }
     known = {key: value for key, value in keys.items() if value not in (None, ())}
-    return GivenPlant(known, _leading(table), document, quantity=str(document.get("quantity", "")))
+    volts = {"coulomb": command, "presliding": position}
+    friction = {name: value * volts.get(name, 1.0) for name, value in (document.get("friction") or {}).items()}
+    model = document | {"friction": friction}
+    return GivenPlant(known, _leading(table), model, quantity=str(document.get("quantity", "")))
 
 
-def _recorded(document: Mapping[str, Any], where: str) -> Recorded | None:
+def _recorded(document: Mapping[str, Any], where: str, command: float, position: float) -> Recorded | None:
+    """Return what is known of a model's record, its amplitudes in volts; command, position: volts in their units."""
     record = document.get("record")
     record = record if isinstance(record, Mapping) else {}
     spans = {"command": "command_half_span", "position": "position_half_span", "rate_hz": "rate_hz"}
-    units = document.get("units")
     said = {key: record[name] for key, name in spans.items() if name in record}
-    if isinstance(units, Mapping):
+    if isinstance(units := document.get("units"), Mapping):
         said["position_unit"] = units.get("position", "")
     checks = document.get("trust")
     if isinstance(checks, list):
         said["distrust"] = reasons(from_table(QualityCheck, row, where, "plant", "trust") for row in checks)
-    return from_table(Recorded, said, where, "plant", "record") if said else None
+    if not said:
+        return None
+    read = from_table(Recorded, said, where, "plant", "record")
+    spans_v = {"command": command, "position": position}
+    return replace(read, **{key: volts * value for key, volts in spans_v.items() if (value := getattr(read, key))})
 
 
-def _of_several(paths: Sequence[Any], beside: Path, where: str) -> GivenPlant:
+def _of_several(paths: Sequence[Any], beside: Path, where: str, sensor_gain: float) -> GivenPlant:
     """Return the first of several models with all others as its family, known where every one is. Raises BadInput for
     files of one name, and for models that are not of one kind.
     """
     names = [Path(path).stem if isinstance(path, str) else "" for path in paths]
     if not names or "" in names or len(set(names)) < len(names):
         raise BadInput(f"{paths!r}", "paths of model files, each name once", where=(where,), key="plant")
-    plants = [given_plant(path, beside, where, looped=True) for path in paths]
+    plants = [given_plant(path, beside, where, True, sensor_gain) for path in paths]
     kinds = [_kind(plant.model or {}) for plant in plants]
     for name, kind in zip(names, kinds, strict=True):
         for what, value in kind.items():
@@ -158,7 +189,7 @@ def _valid_hz(document: Mapping[str, Any], where: str) -> tuple[float, float] | 
         raise BadInput(f"{values!r}", "two frequencies", where=(where, "plant"), key="valid_hz") from None
 
 
-def _of_response(response: FrequencyResponse, path: Path, where: str, looped: bool) -> GivenPlant:
+def _of_response(response: FrequencyResponse, path: Path, where: str, looped: bool, sensor_gain: float) -> GivenPlant:
     if looped:
         raise BadInput(
             "a response, for which no loop can be designed",
@@ -168,7 +199,7 @@ def _of_response(response: FrequencyResponse, path: Path, where: str, looped: bo
     with within(where, f"plant {path}"):
         fit = _fitted(response)
     keys: dict[str, Any] = {
-        "plant": fit.system,
+        "plant": replace(fit.system, gain=fit.system.gain * _volts(response.about.get("unit", ""), sensor_gain)),
         "valid_hz": fit.valid_hz,
         "model_error_db": fit.error_db,
         "model_error_hz": fit.unsure_hz,

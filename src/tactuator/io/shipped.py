@@ -133,7 +133,6 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     quantity = "" if model.quantity == "displacement" else f'\nquantity = "{model.quantity}"'
     recorded = f"  # the record has {model.record['rate_hz']:g}" if "rate_hz" in model.record else ""
     plant = f"plant = {json.dumps(path)}{quantity}"
-    in_mm = "sensor_gain_v_per_mm = 1.0  # the model's position is in mm"
     friction = {"friction_v": model.friction.get("coulomb"), "presliding_v": model.friction.get("presliding")}
 
     def known_friction(line: re.Match[str]) -> str:
@@ -143,7 +142,6 @@ def with_model(text: str, model: PlantModel, path: str) -> str:
     changes: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
         (r"^plant = \{[^}]*\}.*$", lambda line: plant),
         (r"^band_hz = \[[^]]*\]", lambda line: f"band_hz = [{low:g}, {high:g}]"),
-        (r"^sensor_gain_v_per_mm = [\d.e-]+ *#.*", lambda line: in_mm if model.position_unit == "mm" else line[0]),
         (r"^rate_hz = [\d.]+", lambda line: line[0] + recorded),
         (r"^loads = ", lambda line: f"# {line[0]}"),
         (r"^(adaptive|hum_hz|hum_v_peak|noise_v_rms) = .*", lambda line: _left_out(line[1], keys[line[1]])),

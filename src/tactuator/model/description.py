@@ -404,6 +404,9 @@ class Channel:
             raise BadInput(f"{len(self.models)} names", f"{1 + len(self.family)}, of plant and family", key="models")
         if len({load.name for load in self.loads}) != len(self.loads):
             raise BadInput("two loads have the same name", "each name once")
+        for load in self.loads:
+            if not (load.mass or load.damping or load.stiffness):
+                raise BadInput(f"load {load.name!r} is all zero", "a mass, damping or stiffness above zero")
 
     def is_known(self, frequency_hz: ArrayLike) -> NDArray[np.bool_]:
         """Return, for each frequency, whether the plant is known there; edges count within rounding."""

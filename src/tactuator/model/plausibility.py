@@ -166,12 +166,6 @@ EXPECTED: Mapping[str, Plausible] = {
         "command of the record in kilovolts, or range_v in millivolts",
         "command of the record in millivolts or counts, or range_v in kilovolts",
     ),
-    "recorded unit": Plausible(
-        "sensor_gain_v_per_mm over its value for the unit of the model", "", 0.999, 1.001,
-        "the model is in another unit; for a model in mm, set sensor_gain_v_per_mm to 1.0",
-        "the model is in another unit; for a model in mm, set sensor_gain_v_per_mm to 1.0",
-        impossible=True,
-    ),
     "curve": Plausible(
         "the threshold curve over the library's", "dB", -30.0, 45.0,
         "levels in dB re 1 mm or 1 m where dB re 1 µm are read", "levels in dB re 1 nm where dB re 1 µm are read",
@@ -185,9 +179,6 @@ EXPECTED: Mapping[str, Plausible] = {
     ),
 }  # fmt: skip
 """The checks by name."""
-
-_UNITS_V_PER_MM = {"mm": 1.0, "um": 1e3, "\u00b5m": 1e3, "\u03bcm": 1e3, "m": 1e-3, "nm": 1e6, "mV": 1e-3}
-"""A plant whose position is in such a unit reads as so many volts per mm where sensor_gain_v_per_mm is that."""
 
 
 def swing(values: FloatArray) -> float:
@@ -264,8 +255,6 @@ def _recorded_doubts(channel: Channel, rate_hz: float, travel_v: float) -> Itera
         yield from EXPECTED["recorded command"].doubts(recorded.command / channel.converter.range_v)
     if recorded.position is not None and channel.quantity == "displacement":
         yield from EXPECTED["recorded position"].doubts(recorded.position / travel_v)
-    if (gain := _UNITS_V_PER_MM.get(recorded.position_unit)) is not None:
-        yield from EXPECTED["recorded unit"].doubts(channel.sensor_gain_v_per_mm / gain)
 
 
 def curve_doubts(given: ThresholdCurve) -> Iterator[Doubt]:
