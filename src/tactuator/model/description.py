@@ -310,7 +310,9 @@ class Channel:
     name: Annotated[str, Field(description="unique name")]
     sensor_gain_v_per_mm: Annotated[
         Positive,
-        Field(description="sensor volts per mm (or mm/s, mm/s², by `quantity`); for a sensor that reads mm, write 1.0"),
+        Field(
+            description="volts of the sensor per mm (or mm/s, mm/s², by `quantity`); a model in mm is converted by it"
+        ),
     ]
     travel_mm: Annotated[Positive, Field(description="mechanical limit, +/-")]
     plant: Annotated[
