@@ -18,6 +18,7 @@ from tactuator.identification.check import (
     moved_range,
     valid_range,
 )
+from tactuator.identification.constancy import Change, change_along
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fit import CERTAIN, REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
@@ -26,8 +27,8 @@ from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.nonlinear import distortion_left
 from tactuator.identification.residual import (
     Residual,
-    along_record,
     check_record_residual,
+    clock_along,
     feedback_seen,
     fit_percent,
     residuals_of_model,
@@ -95,7 +96,10 @@ def identification(
     if estimate.other is not None and not between.certain:
         other = _model(common, estimate, estimate.other, distortion, friction_fit)
         model = model.holding(other)
-    model = _with_what_is_left(model.with_checks(*rows), tests, bent, common)
+    # in a loop the command follows what disturbs, otherwise in every part
+    signals = () if estimate.data.in_loop else estimate.data.signals
+    change = change_along(chosen.fit, signals, [residual.taken for residual in residuals][: len(signals)])
+    model = _with_what_is_left(model.with_checks(*rows), tests, bent, change, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     simulated, measured, percent = _positions(residuals, common)
     remarks = (*common.remarks, *_skew(chosen, model.confidence()["delay_s"]))
@@ -146,21 +150,17 @@ def _beside_free(
 
 
 def _with_what_is_left(
-    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], common: Prepared
+    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], change: Change, common: Prepared
 ) -> PlantModel:
-    """Return the model judged by its residuals, its band with the distortion that they show, and with the gain at the
-    records' beginning and at their end.
+    """Return the model judged by its residuals and its constancy, its band with the distortion and the change that they
+    show.
     """
     share, level = bent
     place = "" if tests.jump is None else common.place(tests.part, tests.jump)
     jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: --from-s, --to-s")
-    change, half = tests.drift
-    drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0
-    beyond = model.excess.joined(level).joined(np.full(level.size, drifting + 0j))
-    return replace(
-        model.with_checks(jump, trust.DISTORTION.of(100.0 * share)),
-        excess=beyond,
-    )
+    rows = (jump, trust.DISTORTION.of(100.0 * share), trust.CHANGE.of(DB * change.greatest, remedy=_SHORTER))
+    excess = model.excess.joined(level).joined(change.at(model.excess.frequency_hz))
+    return replace(model.with_checks(*rows), excess=excess)
 
 
 def _beyond_chance(tests: ResidualTests, common: Prepared) -> float:
@@ -290,7 +290,6 @@ def _tests(
         hold = estimate.other.hold
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
     part = max(range(len(tests)), key=lambda k: tests[k].knock)
-    skew_ppm, drift = along_record(fit, residuals)
     lasting_s = max(part.samples / part.rate_hz for part in estimate.spectra)
     uncorrelated_p = min(1.0, len(tests) * min(test.uncorrelated_p for test in tests))
     # outside a loop a plant with such poles would have run away long before the record's end
@@ -306,8 +305,7 @@ def _tests(
         knock=tests[part].knock,
         jump=tests[part].jump,
         part=part,
-        skew_ppm=skew_ppm,
-        drift=drift,
+        skew_ppm=clock_along(fit, residuals),
     )
 
 
@@ -364,7 +362,6 @@ def judge(result: Identification, common: Prepared) -> Identification:
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         *_ranges(model, common),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
-        trust.DRIFT.of(DB * max(abs(result.tests.drift[0]) - result.tests.drift[1], 0.0), remedy=_SHORTER),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:

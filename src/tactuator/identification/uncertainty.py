@@ -52,7 +52,7 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
     spread = choice.problem.covariance_of(best)
     lowest = min(choice.problem.criterion(fit) for fit in choice.fits.values())
     total, magnitude, phase = 0.0, np.zeros(frequency_hz.size), np.zeros(frequency_hz.size)
-    own_variance = _variances(slopes, spread)
+    own_variance = variances(slopes, spread)
     for fit in choice.fits.values():
         behind = choice.problem.criterion(fit) - lowest
         # difference of the criterion beyond which a form does not count (odds of 1 : 1100)
@@ -63,15 +63,16 @@ def other_forms(choice: Choice, frequency_hz: FloatArray) -> Excess:
         if fit is best:
             continue
         away = np.log(fit.response(frequency_hz) / value)
-        variance = _variances(log_slopes(fit, frequency_hz), choice.problem.covariance_of(fit))
+        variance = variances(log_slopes(fit, frequency_hz), choice.problem.covariance_of(fit))
         magnitude += weight * np.maximum(away.real**2 + variance[0] - own_variance[0], 0.0)
         phase += weight * np.maximum(away.imag**2 + variance[1] - own_variance[1], 0.0)
     return Excess(frequency_hz, np.sqrt(magnitude / max(total, 1e-300)), np.sqrt(phase / max(total, 1e-300)))
 
 
-def _variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    variances = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
-    return np.maximum(variances[0], 0.0), np.maximum(variances[1], 0.0)
+def variances(slopes: ComplexArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of a logarithm's real and imaginary part, (m,) each, by those of parameters."""
+    both = [np.einsum("ij,jk,ik->i", part, covariance, part) for part in (slopes.real, slopes.imag)]
+    return np.maximum(both[0], 0.0), np.maximum(both[1], 0.0)
 
 
 def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None = None) -> Callable[[SpectralFit], bool]:
@@ -89,8 +90,8 @@ def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None =
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, seen_hz), hertz))
     covariance = choice.problem.covariance_of(best) + (0.0 if shifts is None else shifts.T @ shifts)
-    variances = _variances(log_slopes(best, hertz), covariance)
-    pairs = zip(variances, (beyond.magnitude, beyond.phase_rad), strict=True)
+    own = variances(log_slopes(best, hertz), covariance)
+    pairs = zip(own, (beyond.magnitude, beyond.phase_rad), strict=True)
     reach = [Z95 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
 
     def is_within(fit: SpectralFit) -> bool:
