@@ -153,7 +153,7 @@ def _with_what_is_left(
     """
     share, level = bent
     place = "" if tests.jump is None else common.place(tests.part, tests.jump)
-    jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: --from-s, --to-s")
+    jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: `from_s`, `to_s`")
     change, half = tests.drift
     drifting = (abs(change) + half) / 3.0 if abs(change) > 1.5 * half else 0.0
     beyond = model.excess.joined(level).joined(np.full(level.size, drifting + 0j))
@@ -332,8 +332,8 @@ def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
 
 
 _ONE_CLOCK = "record both columns with one clock"
-_SHORTER = "use a shorter part: --from-s, --to-s"
-_STATE_LOOP = "with --closed-loop yes if a position loop was closed around it"
+_SHORTER = "use a shorter part: `from_s`, `to_s`"
+_STATE_LOOP = "with `closed_loop` yes if a position loop was closed around it"
 _NO_LOOP = "record the motor outside its position loop, with noise several times as large as the friction"
 _SHOWN = 20.0
 """Radians that a resonance turns in a record; one that turns less may be two integrators."""
