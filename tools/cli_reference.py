@@ -16,7 +16,7 @@ show the type; `…` is another value.
 
 - A command prints a summary of at most ten lines: what it found, what to do next, what it wrote. `--full` prints the
   tables; `--json` prints one JSON object on standard output, in which NaN and infinities are `null`. Progress goes to
-  standard error, off a terminal every 30 s. (`console` and `experiment serve` run until interrupted and have neither.)
+  standard error, off a terminal every 30 s. (`console` and `experiment serve` have neither.)
 - Exit status: 0 done, 1 done with a negative verdict, 2 bad input, 3 device failure, 70 bug in tactuator (with
   traceback), 130 interrupted.
 - Output files are written whole or not at all.

@@ -91,7 +91,7 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
     path = Path if required or default is not None else Path | None
     kind = option.type or (path if option.file or option.writes else annotation)
     more: dict[str, Any] = {"help": option.help, "metavar": option.metavar}
-    if list in map(get_origin, (kind, *get_args(kind))) and not isinstance(option, Argument):
+    if not isinstance(option, Argument) and any(get_origin(each) is list for each in (kind, *get_args(kind))):
         more["help"] += " Repeatable."
     if option.ge is not None or option.le is not None:
         more |= {"min": option.ge, "max": option.le}
