@@ -189,6 +189,8 @@ def main():
             if wanted:
                 packages(wanted, empty)
             build()
+            if what == "run" and sys.stderr.isatty():
+                say("done; next: `. .venv/bin/activate`, then `tactuator`")
 
 
 if __name__ == "__main__":

@@ -111,6 +111,17 @@ def within(*where: str) -> Iterator[None]:
 
 
 @contextmanager
+def given_as(key: str, parameter: str) -> Iterator[None]:
+    """Name the parameter of a call in place of the key that it stands for, where the block refuses that."""
+    try:
+        yield
+    except BadInput as error:
+        if error.key != key:
+            raise
+        raise BadInput(error.got, error.allowed, key=parameter) from None
+
+
+@contextmanager
 def named_file(path: str | Path, use: str) -> Iterator[None]:
     """Mark what is refused in the block as said of a file that is there and that a document names. use: as what."""
     try:

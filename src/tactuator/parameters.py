@@ -139,7 +139,8 @@ Numbers = Annotated[FloatArray, *kept_by(_array, "a list of numbers, or a list o
 def table(title: str, *, eq: bool = True) -> Callable[[type[T]], type[T]]:
     """Return a decorator for a frozen dataclass whose fields are checked whenever one is made.
 
-    title: how a refusal names it, as a file writes the table. Raises BadInput with that title and the key.
+    title: how a refusal names it, as a file writes the table; "": its keys are parameters of a call. Raises BadInput
+    with that title and the key.
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -171,7 +172,7 @@ def from_table(cls: type[T], values: Mapping[str, Any], *where: str) -> T:
         inspect.unwrap(cls.__init__)(made, **values)
     except ValidationError as error:
         refusal = _refusal(cls, "", error, in_python=False)
-        refusal.where = (*where, *refusal.where[1:])
+        refusal.where = (*where, *refusal.where)
         raise refusal from None
     return made
 
@@ -294,27 +295,31 @@ def _refusal(cls: type, title: str, error: ValidationError, in_python: bool) -> 
     if places and isinstance(places[0], int):
         places[0] = list(fields)[places[0]]
     path = [str(place) for place in places]
-    key = ".".join(path)
+    key, place = ".".join(path), (title,) if title else ()
     reason = fault.get("ctx", {}).get("error")
     if isinstance(reason, BadInput) and (reason.key or reason.where or not path):
-        return BadInput(reason.got, reason.allowed, where=(title, *path, *reason.where), key=reason.key)
+        return BadInput(reason.got, reason.allowed, where=(*place, *path, *reason.where), key=reason.key)
     if isinstance(reason, BadInput):
-        return BadInput(reason.got, reason.allowed, where=(title,), key=key)
+        about = _owner(cls, path).get(path[-1])
+        marks = [] if about is None else list(about.metadata)
+        if in_python and about and reason.allowed in [mark.allowed for mark in marks if isinstance(mark, Wording)]:
+            reason.allowed = _allowed(about.annotation, marks, in_python)
+        return BadInput(reason.got, reason.allowed, where=place, key=key)
     fields = _owner(cls, path)
     if fault["type"] in _UNKNOWN:
-        return _unknown_key(key, fields, (title,))
+        return _unknown_key(key, fields, place)
     fields = {**_owner(cls, path[:-1]), **fields}  # an entry of a list of tables is refused by what the list may be
     about = next((fields[place] for place in reversed(path) if place in fields), None)
     words = "" if about is None else _allowed(about.annotation, list(about.metadata), in_python)
     if places and isinstance(places[-1], int):
         words = words.removeprefix(_EACH)
     if fault["type"] == "missing":
-        return BadInput("missing", words, where=(title,), key=key)
+        return BadInput("missing", words, where=place, key=key)
     value = fault["input"]
     got = f"{value:g}" if isinstance(value, float) else repr(value)
     if not isinstance(value, str | Real | list | tuple | dict | None):
         got = _one(type(value))
-    return BadInput(got if len(got) < 100 else f"{got[:96]} ...", words, where=(title,), key=key)
+    return BadInput(got if len(got) < 100 else f"{got[:96]} ...", words, where=place, key=key)
 
 
 def _owner(cls: Any, path: list[str]) -> dict[str, FieldInfo]:
@@ -345,7 +350,7 @@ def checked(function: F) -> F:
         return {
             name: (
                 TypeAdapter(_argument(kind, limits)),
-                _allowed(_argument(kind), []),
+                _allowed(_argument(kind), [limit for limit in limits if isinstance(limit, Wording)]),
                 _bounds(limits).removeprefix(", "),
             )
             for name, (kind, limits) in known.items()
@@ -379,11 +384,12 @@ def checked(function: F) -> F:
 
 
 def _unmarked(hint: Any) -> tuple[Any, list[Any]]:
-    """Return an annotation's type, and its bounds."""
+    """Return an annotation's type, and its bounds and wordings."""
     if get_origin(hint) is not Annotated:
         return hint, []
     kind, *marks = get_args(hint)
-    return kind, [bound for mark in marks if isinstance(mark, GroupedMetadata) for bound in mark]
+    bounds = [bound for mark in marks if isinstance(mark, GroupedMetadata) for bound in mark]
+    return kind, [*bounds, *(mark for mark in marks if isinstance(mark, Wording))]
 
 
 _LEAVES: dict[Any, Any] = {

@@ -196,7 +196,7 @@ class Result:
         ]
 
     def next_step(self) -> str:
-        """Return what to do next, if anything is to be said of that."""
+        """Return what to do next on the command line, if anything is to be said of that."""
         return ""
 
     def table(self) -> Sequence[Column]:
@@ -260,10 +260,9 @@ class Result:
         # matplotlib takes a second to load, and only `report` draws
         return import_module("tactuator.report.chart").draw(self.chart(), ax)
 
-    def summary_lines(self, written: Sequence[str] = (), width: int = 80, more: str = "to_dict()") -> list[str]:
-        """Return at most ten lines: what was found, what to do next, what was `written`; more: where the rest is."""
-        step = self.next_step()
-        last = _wrapped([*([f"next: {step}"] if step else []), *written], width)
+    def summary_lines(self, below: Sequence[str] = (), width: int = 80, more: str = "to_dict()") -> list[str]:
+        """Return at most ten lines: what was found, and what is `below` it; more: where the rest is."""
+        last = _wrapped(below, width)
         lines = _wrapped([f"{words}: {text}" for words, text in self.headline().items()], width)
         room = _LINES - len(last)
         return [*(lines if len(lines) <= room else [*lines[: room - 1], f"more: {more}"]), *last]

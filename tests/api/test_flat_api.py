@@ -93,12 +93,24 @@ def test_names__at_most_42__all_there_as_the_types_and_help_say_and_light_to_imp
     [
         ("identify(None)", "identify: records is None; it must be a Record or a FrequencyResponse or"),
         ("identify(['a.csv', 5])", "identify: records is a list; it must be "),
-        ("design(5)", "design: display is 5; it must be a Display (of a plant: tt.Display("),
+        (
+            "design(5)",
+            "design: display is 5; it must be a Display (tt.read_display reads a file; of a plant: tt.Display(",
+        ),
         ("design('display.toml', error_db=float('nan'))", "design: error_db is nan; it must be a number or None"),
         ("design('display.toml', poles='4')", "design: poles is '4'; it must be a whole number or None"),
         ("check(controller.display)", "check: controller is a Display; it must be a Controller or the path of a file"),
         ("check(controller, monte_carlo=-5)", "check: monte_carlo is -5; it must be 0 to 1000000"),
-        ("SimulatedRig('display.toml')", "SimulatedRig: display is 'display.toml'; it must be a Display"),
+        (
+            "SimulatedRig('display.toml')",
+            "SimulatedRig: display is 'display.toml'; it must be a Display (tt.read_display reads",
+        ),
+        (
+            "calibrate_sensor([1], [2])",
+            "calibrate_sensor: pairs is a list; it must be the path of a file, or a tuple of ",
+        ),
+        ("Channel('a', 1.0, 1.0, plant=5)", "[[channel]]: plant is 5; it must be (num, den), a table { zeros, poles, "),
+        ("measure_response('simulated')", "neither `display` nor `controller`; expected one of them"),
         ("SimulatedRig(controller.display, seed='a')", "SimulatedRig: seed is 'a'; it must be a whole number"),
         (
             "render('speech.wav', None, 'x.wav', level_db_sl='loud')",

@@ -1,8 +1,10 @@
 """Commands of the verbs' signatures, their reference and answers; promises of the command line; Ctrl-C as it loads."""
 
+import ast
 import inspect
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,8 +24,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tactuator import __version__
-from tactuator.api.option import Option
+import tactuator
+from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import RIG_HELP
 from tactuator.api.progress import watched, working
 from tactuator.cli import output
@@ -60,7 +62,58 @@ def test_commands__each__have_known_types_and_stand_in_the_reference() -> None:
             assert (getattr(parameter, "help", None) or "").strip(), (path, parameter.name)
         assert path[-1] in ("serve", "console") or any("--json" in each.opts for each in command.params), path
     kinds = {name for name, point in plugins(RIGS).items() if point.value.startswith("tactuator.")}
-    assert {name.partition(":")[0] for name in RIG_HELP.rstrip(".").split(", ")} == kinds
+    assert {name.partition(":")[0] for name in RIG_HELP.removeprefix("Rig: ").rstrip(".").split(", ")} == kinds
+
+
+def test_help__of_each_command_and_option__is_in_sentences_of_the_shell() -> None:
+    for path, command in COMMANDS:
+        assert not re.search("Raises|`holds`|BadInput", command.help or ""), path
+        for parameter in command.params:
+            about = getattr(parameter, "help", None) or ""
+            assert re.fullmatch(r"[A-Z0-9`].*[.]", about, re.DOTALL), (path, parameter.name, about)
+            if parameter.param_type_name == "option":
+                assert about.endswith("Repeatable.") == parameter.multiple, (path, parameter.name, about)
+
+
+def named(
+    level_db_sl: Annotated[float, Option("Level.", ("--level-db-sl", "--level"))] = 0.0,
+    friction: Annotated[bool, Option("Friction.", ("--friction/--no-friction",))] = True,
+    display: Annotated[str, Argument("Display.")] = "",
+    given: Annotated[str, Option("Where.")] = "",
+) -> Result:
+    """Refuse. With `friction`; `holds` is False if not met. `holds` is False, too."""
+    if level_db_sl:
+        error = BadInput("loud", key="level_db_sl", where=(given,) if given else ())
+        error.add_note("a lower `level_db_sl`")
+        raise error
+    return Answer({}, "`friction` of `display`, not `hold`", ResultTable("", ("a",), (("`given`",),), ("`friction`",)))
+
+
+def test_parameter__named_in_an_error_a_result_or_a_docstring__is_spelled_as_typed(capsys) -> None:
+    run = command_of(named)
+    assert run.__doc__ == "Refuse. With --friction; exit status 1 if not met. Exit status 1, too."
+    with pytest.raises(BadInput) as refused:
+        run(level_db_sl=1.0, friction=True, display="", given="", as_json=False, full=False)
+    assert refused.value.lines == ["--level is loud", "a lower --level"]
+    with pytest.raises(BadInput, match=r"a\.toml: level_db_sl is loud"):  # the key of a file
+        run(level_db_sl=1.0, friction=True, display="", given="a.toml", as_json=False, full=False)
+    run(level_db_sl=0.0, friction=True, display="", given="", as_json=False, full=True)
+    assert [line.strip() for line in capsys.readouterr().out.splitlines() if line.strip(" ─")] == [
+        "--friction of display, not `hold`", "a", "--given", "--friction",
+    ]  # fmt: skip
+
+
+def test_errors__of_all_modules__name_parameters_but_in_whole_commands() -> None:
+    for path in Path(tactuator.__file__).parent.rglob("*.py"):
+        if path.parent.name == "cli":
+            continue
+        raised = (
+            ast.unparse(call)
+            for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "BadInput"
+        )
+        spelled = [text for text in raised if re.search("--[a-z]", re.sub("`[^`]* [^`]*`", "", text))]
+        assert spelled == [], path
 
 
 def test_help__of_all_commands_and_version__import_nothing_heavy() -> None:
@@ -178,11 +231,14 @@ def test_long_work__where_no_terminal_is__writes_a_line_now_and_then(capsys, mon
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])
-def test_summary__of_many_channels__has_ten_lines_no_wider_than_the_terminal(width: int) -> None:
-    lines = Long().summary_lines(["written: controller.json"], width, "--full")
+def test_summary__of_many_channels__has_ten_lines_no_wider_than_the_terminal(width: int, capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    answer(Long(), False, False, ["controller.json"])
+    lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 10
     assert max(map(len, lines)) <= width
     assert lines[-3:] == ["more: --full", "next: tactuator build", "written: controller.json"]
+    assert str(Long()).splitlines()[-1] == "more: to_dict()"  # in Python
 
 
 def test_plain__dataclass_and_complex__become_objects_and_pairs():
@@ -263,7 +319,7 @@ def trial(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
 
 
 def test_main__version_no_arguments_or_no_part__are_told(run):
-    assert run("--version") == (0, f"tactuator {__version__}\n", "")
+    assert run("--version") == (0, f"tactuator {tactuator.__version__}\n", "")
     assert "\n  design " in run().out
     run.refused("sound", said="sound: no subcommand is named; expected devices, latency, calibrate")
 

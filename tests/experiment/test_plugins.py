@@ -137,7 +137,7 @@ def test_simulate__each_kind__is_judged_alike_by_its_own_rule(install) -> None:
     # it balances where three right answers come to a wrong one: 75 % correct, a little below the display's point
     assert -1.5 < quality.bias_db < 0.0
     assert abs(quality.refit.bias_db) < 0.3
-    with pytest.raises(BadInput, match="--trials 10 with imece2004"):
+    with pytest.raises(BadInput, match="`trials` 10 with imece2004"):
         simulate_kind("imece2004", Setting(10), trials=10)
     with pytest.raises(BadInput, match="'guess'; expected curve, imece2004, quest-plus, up-down, weighted"):
         simulate_kind("guess", Setting(10))

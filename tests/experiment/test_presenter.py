@@ -232,5 +232,5 @@ def test_observe__with_a_recorder__has_every_onset_within_one_sample_of_the_stor
 
 def test_outlet__without_pylsl__says_what_installs_it(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
-    with pytest.raises(BadInput, match=r"pylsl is missing: install it with `pip install tactuator\[lsl\]`"):
+    with pytest.raises(BadInput, match=r"pylsl is missing: install it with `pip install 'tactuator\[lsl\]'`"):
         Outlet(SimulatedRig(controller().display), "simulated", "a display")

@@ -35,7 +35,7 @@ def every(command: Array, many: int) -> Array:
 @pytest.mark.parametrize("many", [2, 4, 16])
 def test_identify__smooth_command_logged_more_slowly__is_refused_with_what_helps(many: int) -> None:
     moved = smooth()
-    with pytest.raises(BadInput, match=rf"repeats its values, {many} samples each.*--hold zero-order"):
+    with pytest.raises(BadInput, match=rf"repeats its values, {many} samples each.*`hold` zero-order"):
         identify(Record(RATE_HZ, every(moved, many), position(moved)), order=2, friction=False)
 
 

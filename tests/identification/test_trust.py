@@ -82,7 +82,7 @@ def test_losses__slow_motion_above_the_excitation__none_where_none_is_and_one_wh
 def test_identify__lost_samples__are_told_with_their_place_and_the_cut_that_helps(tmp_path, capsys) -> None:
     taken = replace(BY_NAME["64 samples lost"], seconds=4.0).make(3)
     record = Record(SPOILT_HZ, taken.command, taken.position)
-    told = r"about 64 of the position at 2\.8\d* s; expected what lies before \(--to-s 2\.7\d*\)"
+    told = r"about 64 of the position at 2\.8\d* s; expected what lies before \(`to_s` 2\.7\d*\)"
     for whole in (record, record.between(0.5, 3.9)):  # of a part the place is told in the whole
         with pytest.raises(BadInput, match=told):
             identify(whole)
@@ -90,7 +90,7 @@ def test_identify__lost_samples__are_told_with_their_place_and_the_cut_that_help
     out = tmp_path / "model.json"
     arguments = ["identify", str(tmp_path / "lost.h5"), "--hold", "zero-order", "--out", str(out)]
     assert (main(arguments), out.exists()) == (2, False)
-    assert re.search(told, capsys.readouterr().err)
+    assert re.search(told.replace("`to_s`", "--to-s"), capsys.readouterr().err)
     assert (main([*arguments, "--to-s", "2.7"]), out.exists()) == (0, True)
 
 

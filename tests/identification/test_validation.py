@@ -185,7 +185,7 @@ def test_identify__runs_pasted_without_stamps__are_not_trusted_and_the_seam_is_t
     pasted = identify(replace(GOOD, command=command, position=position), **KNOWN)
     (told,) = (reason for reason in pasted.distrust if reason.startswith(KNOCK.name))
     assert float(told.partition(" at ")[2].split()[0]) == pytest.approx(HALF / RATE_HZ, abs=0.02)
-    assert "--to-s" in told
+    assert "`to_s`" in told
     assert not identify(GOOD, **KNOWN).distrust
 
 

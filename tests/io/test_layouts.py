@@ -105,7 +105,7 @@ RESPONSES = [
     ),
     Layout("touchstone, kHz", "# kHz S DB R 50\n" + rows(HERTZ / 1e3, DB, DEG, mark=" ", end=" ! n\n"), ".s1p"),
     Layout(
-        "touchstone, two ports", "# Hz S MA R 50\n" + FOUR, ".s2p", words="4 columns may be the phase: 'S11.*--phase"
+        "touchstone, two ports", "# Hz S MA R 50\n" + FOUR, ".s2p", words="4 columns may be the phase: 'S11.*`phase`"
     ),
     Layout("touchstone, named", "# Hz S MA R 50\n" + FOUR, ".s2p", ONE_OF_FOUR, said="not read: 'S11"),
     Layout("no names", rows(HERTZ, DB, DEG, mark="\t"), ".txt", words="which column is which"),
@@ -119,7 +119,7 @@ RESPONSES = [
         "laboratory program",
         "X_Value\tMagnitude (dB)\tPhase (deg)\n" + rows(HERTZ, DB, DEG, mark="\t", comma=True),
         ".lvm",
-        words="no frequency among .*--frequency NAME",
+        words="no frequency among .*`frequency` NAME",
     ),
     Layout(
         "laboratory program, named",
@@ -133,7 +133,7 @@ RESPONSES = [
     Layout(
         "radians without a unit",
         "Frequency,Magnitude,Phase\n" + rows(HERTZ, SIZE, RAD),
-        words="'Phase' has no unit and stays within .*--phase 'Phase=deg' or --phase 'Phase=rad'",
+        words="'Phase' has no unit and stays within .*`phase` 'Phase=deg' or `phase` 'Phase=rad'",
     ),
     Layout("radians, said", "Frequency,Magnitude,Phase\n" + rows(HERTZ, SIZE, RAD), columns={"phase": "Phase=rad"}),
     Layout("up and down", "frequency_hz,magnitude_db,phase_deg\n" + BOTH, said="40 of 40 frequencies come 2 times"),
@@ -167,7 +167,7 @@ RESPONSES = [
     Layout(
         "phase by another name",
         "frequency_hz,magnitude_db,Gang\n" + rows(HERTZ, DB, DEG),
-        words="not read: 'Gang'.*--phase 'Gang' if it is the phase, or --ignore 'Gang'",
+        words="not read: 'Gang'.*`phase` 'Gang' if it is the phase, or `ignore` 'Gang'",
     ),
     Layout(
         "phase with units in its cells",
@@ -188,7 +188,7 @@ RESPONSES = [
     Layout(
         "parts and levels that differ",
         "f (Hz),real,imag,gain (dB)\n" + rows(HERTZ, VALUE.real, VALUE.imag, DB + 6),
-        words="'real', 'imag' and 'gain .dB.' say the response differently.*--real",
+        words="'real', 'imag' and 'gain .dB.' say the response differently.*`real`",
     ),
     Layout(
         "thousands",
@@ -202,7 +202,7 @@ RESPONSES = [
         words="'a .s.', named as frequency, is in s",
     ),
     Layout(
-        "angular without a unit", "omega,gain_db,phase_deg\n" + rows(HERTZ, DB, DEG), words="--frequency 'omega=Hz' or"
+        "angular without a unit", "omega,gain_db,phase_deg\n" + rows(HERTZ, DB, DEG), words="`frequency` 'omega=Hz' or"
     ),
     Layout("a multiple", "Frequency [krpm],gain,phase (deg)\n" + rows(HERTZ, SIZE, DEG), words="no unit that is known"),
     Layout("logarithms", "f [log10 Hz],gain,phase [deg]\n" + rows(HERTZ, SIZE, DEG), words="no frequency among"),
@@ -220,7 +220,7 @@ RESPONSES = [
     Layout("a share", "f (Hz),relative gain,phase (deg)\n" + rows(HERTZ, SIZE, DEG), words="no magnitude among"),
     Layout("a lead with a sign", "f (Hz),gain,-phase (deg)\n" + rows(HERTZ, SIZE, -DEG), words="not read: '-phase"),
     Layout(
-        "thousandths", "f (Hz),gain,phase [mdeg]\n" + rows(HERTZ, SIZE, 1e3 * DEG), words="--phase 'phase .mdeg.=deg'"
+        "thousandths", "f (Hz),gain,phase [mdeg]\n" + rows(HERTZ, SIZE, 1e3 * DEG), words="`phase` 'phase .mdeg.=deg'"
     ),
     Layout("two things in brackets", "f (Hz),gain (dB),phase (Degrees, wrapped)\n" + rows(HERTZ, DB, DEG)),
     Layout("nepers", "f (Hz),gain [Np],phase [deg]\n" + rows(HERTZ, np.log(SIZE), DEG), said="'gain [Np]' in Np"),
@@ -324,7 +324,7 @@ RECORDS = [
         "an unknown unit", "time,command,position [inch]\n" + PLAIN, said="'position [inch]' has no unit that is known"
     ),
     Layout(
-        "time in tenths", "Time [0.1 ms],u,y\n" + rows(1e4 * TIME, COMMAND, POSITION), words="--time NAME or NAME=UNIT"
+        "time in tenths", "Time [0.1 ms],u,y\n" + rows(1e4 * TIME, COMMAND, POSITION), words="`time` NAME or NAME=UNIT"
     ),
     Layout(
         "a step in the head",
@@ -333,7 +333,7 @@ RECORDS = [
         said="head, 4000 Hz",
     ),
     Layout("a rate in the head", "# Sample rate: 4 kHz\nu,y\n" + rows(COMMAND, POSITION), said="head, 4000 Hz"),
-    Layout("two rates", "Rate: 8 kHz\nDecimated rate: 4 kHz\nu,y\n" + rows(COMMAND, POSITION), words="--rate-hz"),
+    Layout("two rates", "Rate: 8 kHz\nDecimated rate: 4 kHz\nu,y\n" + rows(COMMAND, POSITION), words="`rate_hz`"),
     Layout("grams", "time_s,command_v,load (g)\n" + PLAIN, words="may be in grams.*=g'"),
     Layout(
         "a unit that contradicts",

@@ -66,7 +66,7 @@ def test_csv__names_usual_told_or_none__are_found(tmp_path: Path, header, given,
     assert (read.command_unit, read.position_unit) == units
     np.testing.assert_allclose((read.command, read.position), (U, Y), rtol=1e-8)
     assert read.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
-    by_order = "'column1' is read as the command, 'column2' as the position (--input, --output)"
+    by_order = "'column1' is read as the command, 'column2' as the position (`input`, `output`)"
     in_unit = f"is read in {units[0]}, where a display commands volts"
     assert [remark for remark in read.remarks if remark != by_order and not remark.endswith(in_unit)] == []
     assert (by_order in read.remarks) == (header is None)

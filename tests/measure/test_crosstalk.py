@@ -103,7 +103,7 @@ def test_crosstalk__noise_above_threshold__is_averaged_until_no_more_is_left_ope
         for longest_s in (2.0, 200.0)
     )
     assert (quick.holds, patient.holds) == (False, True)
-    assert quick.notices() == ["noise hides levels above threshold: a longer --longest-s"]
+    assert quick.notices() == ["noise hides levels above threshold: a longer `longest_s`"]
     assert not patient.notices()
 
 

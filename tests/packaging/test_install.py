@@ -5,6 +5,7 @@ Nothing half-made is left, so the next run starts clean.
 
 import ast
 import os
+import pty
 import shutil
 import signal
 import socket
@@ -127,6 +128,14 @@ def test_install__two_at_once_then_a_new_core_and_lock__does_what_is_due(tree):
     assert tree.runs("import alpha2, beta, tactuator.room._core")
     assert not tree.runs("import alpha")
     assert not mark.exists()
+
+
+def test_install__at_a_terminal__says_last_what_to_type_next(tree):
+    here, there = pty.openpty()
+    subprocess.run(tree.command(), env=tree.environment(), stderr=there, check=True)
+    assert os.read(here, 1 << 16).endswith(b"next: `. .venv/bin/activate`, then `tactuator`\r\n")
+    os.close(here)
+    os.close(there)
 
 
 def test_install__killed_then_without_an_index__starts_clean_and_keeps_what_is(tree):

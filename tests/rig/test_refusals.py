@@ -147,7 +147,7 @@ def test_usual_load__nobody_names_one__finger_or_the_first_that_all_have(describ
 
 
 def test_usual_load__none_in_common__is_refused():
-    with pytest.raises(BadInput, match="--load"):
+    with pytest.raises(BadInput, match="`load`"):
         usual_load(channels(["palm"], ["tip"]))
 
 

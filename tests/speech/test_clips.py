@@ -85,7 +85,7 @@ def test_haptic__points__are_strength_pitch_and_taps(tmp_path) -> None:
     (tone,) = read(tmp_path, "a.haptic", changed(HAPTIC, (*ENVELOPES, "frequency"), None)).tones
     assert tone.pitch.at(np.array(0.2)) == 0.5
     late = changed(HAPTIC, (*ENVELOPES, "frequency", 1, "time"), 0.3001)
-    with pytest.raises(BadInput, match=r"a point at 0.3001 s; expected up to the amplitude's end, 0.3 s.*--legacy"):
+    with pytest.raises(BadInput, match=r"a point at 0.3001 s; expected up to the amplitude's end, 0.3 s.*`legacy`"):
         read(tmp_path, "a.haptic", late)
     assert read(tmp_path, "a.haptic", late, legacy=True).duration_s == 0.3
 

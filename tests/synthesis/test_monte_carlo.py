@@ -83,7 +83,7 @@ def test_judge_drawn__plant_not_known_everywhere_or_not_surely__flatness_not_jud
 
 def test_drawn_assumptions__shifted_modes__told_once() -> None:
     plants = [drawn(np.ones(9), mode_shift=0.02, load=load) for load in ("none", "finger")]
-    assert drawn_assumptions(plants) == ("modes of index: 2 % of standard deviation in frequency (--mode-shift)",)
+    assert drawn_assumptions(plants) == ("modes of index: 2 % of standard deviation in frequency (`mode_shift`)",)
     assert drawn_assumptions([drawn(np.ones(9))]) == ()
 
 

@@ -13,7 +13,7 @@ from tactuator.api.designed import ControllerResult
 from tactuator.api.option import Argument, Option
 from tactuator.api.parameters import CONTROLLER_HELP, Curve, Figures, Place, Seed, chosen_display, read
 from tactuator.api.progress import say, working
-from tactuator.errors import BadInput, within
+from tactuator.errors import BadInput, given_as, within
 from tactuator.io.atomic import atomic_path
 from tactuator.io.kinds import require_kind
 from tactuator.io.text import read_content
@@ -47,7 +47,7 @@ def design(
     ] = None,
     figures: Figures = None,
 ) -> ControllerResult:
-    """Design loop and prefilter of every channel. Writes them as a controller file; exit status 1 if not met.
+    """Design loop and prefilter of every channel. Writes them to `out`, a controller file; `holds` is False if not met.
 
     curve: in place of the display's own. poles: of every prefilter; error_db: as few poles as keep that error.
     Raises NoDesign where no controller was found that meets what is asked.
@@ -57,7 +57,8 @@ def design(
     """
     described = chosen_display(display, curve)
     if poles is not None:
-        replace(described.channels[0].prefilter, poles=poles)  # which refuses a number that is not allowed
+        with given_as("poles", "poles"):
+            replace(described.channels[0].prefilter, poles=poles)  # which refuses a number that is not allowed
     with working("designing"):
         controller = ControllerResult.of(design_controller(described, poles, error_db))
     if figures is not None:
@@ -88,7 +89,8 @@ def check(
     ] = None,
     seed: Seed = 0,
 ) -> Verdict:
-    """Judge a controller by the paper's four objectives. Also by what a board accepts; exit status 1 if one is not met.
+    """Judge a controller by the paper's four objectives. Also by what a board accepts; `holds` is False if one is
+    not met.
 
     display: in place of the controller's own. Raises BadInput for one that the controller cannot run.
 
@@ -170,7 +172,7 @@ def word_length(
     rate: Annotated[float | None, Option("Another sampling rate, hertz.")] = None,
     figures: Figures = None,
 ) -> WordlengthResult:
-    """Count the bits that the coefficients need. Exit status 1 if float32 is not safe for it.
+    """Count the bits that the coefficients need. `holds` is False if float32 is not safe for it.
 
     The bits are counted at one, two, four and eight times the rate. Raises BadInput for a rate at which the controller
     cannot be.
@@ -180,7 +182,8 @@ def word_length(
     """
     judged = read(controller)
     if rate is not None:
-        judged = at_rate(judged, rate)
+        with given_as("rate_hz", "rate"):
+            judged = at_rate(judged, rate)
     rates = [judged.rate_hz * 2.0**k for k in range(_RATE_DOUBLINGS)]
     with working("counting the bits that the coefficients need"):
         bits = controller_bits(judged, [rate for rate in rates if rate <= HIGHEST_RATE_HZ])
@@ -274,7 +277,7 @@ def read_image(
     file: Annotated[Place, Argument("Image file that `build` wrote.", file=True)],
     controller: Annotated[Controller | Place | None, Option("Controller file to compare with.", file=True)] = None,
 ) -> ImageResult:
-    """Show what a firmware image contains. Exit status 1 if it is another controller's.
+    """Show what a firmware image contains. `holds` is False if it is another controller's.
 
     Raises BadInput for what is no image, and with a controller for an image that its display could not run.
 

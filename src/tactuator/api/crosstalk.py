@@ -40,7 +40,7 @@ class CrosstalkResult(Result):
         cut = sorted({row.frequency_hz for row in self.rows if row.saturated})
         hidden = any((level.below_db_sl or 0.0) > 0.0 for row in self.rows for level in row.others.values())
         return [
-            *(["noise hides levels above threshold: a longer --longest-s"] if hidden else []),
+            *(["noise hides levels above threshold: a longer `longest_s`"] if hidden else []),
             *([f"a limit was reached at {', '.join(f'{hz:.4g}' for hz in cut)} Hz: a lower level"] if cut else []),
         ]
 

@@ -27,7 +27,7 @@ from tactuator.api.parameters import (
 )
 from tactuator.api.progress import say, working
 from tactuator.entry_points import plugins
-from tactuator.errors import BadInput, unknown, within
+from tactuator.errors import BadInput, given_as, unknown, within
 from tactuator.experiment.export import export as exported
 from tactuator.experiment.presenter import Outlet
 from tactuator.experiment.procedure.procedure import GROUP, Playable
@@ -202,20 +202,20 @@ def enrol(
     group: Annotated[str | None, Option("Any name, as hearing or neuropathy (default: unknown).")] = None,
     participant_id: ParticipantId = None,
     skin_temperature_c: SkinTemperatureC = None,
-    fact: Annotated[list[str] | None, Option("An item of [[demographic]]; repeatable.", metavar="NAME=VALUE")] = None,
+    fact: Annotated[list[str] | None, Option("An item of [[demographic]].", metavar="NAME=VALUE")] = None,
     visit: Annotated[bool, Option("A further visit of a subject who is enrolled.")] = False,
     operator: OperatorName = None,
 ) -> EnrolledResult:
     """Add a subject, or a further visit of one. The links of all visits are shown."""
     if visit and any(value is not None for value in (group, participant_id, skin_temperature_c, fact or None)):
-        raise BadInput("--visit with facts of a new subject", "--visit alone, for a subject who is enrolled")
+        raise BadInput("`visit` with facts of a new subject", "`visit` alone, for a subject who is enrolled")
     with _opened_study(store, study, operator) as opened:
         if visit:
             opened.add_visit(code)
         else:
             opened.enrol(_part(code, group, participant_id, skin_temperature_c, fact or []))
         known = records.sessions(opened.connection, opened.id)
-    facts, codes = dict(_pairs("--fact", "NAME=VALUE", fact or [])), {row.subject_code for row in known}
+    facts, codes = dict(_pairs("fact", "NAME=VALUE", fact or [])), {row.subject_code for row in known}
     said = () if visit else _doubts([code, group, participant_id], codes, facts, opened.protocol)
     links = {row.visit: f"/s/{row.link_token}" for row in known if row.subject_code == code}
     return EnrolledResult(opened.protocol.study.name, code, links, said)
@@ -263,7 +263,7 @@ def correct(
     part = _part(code, group, participant_id, skin_temperature_c, [])
     if preload_n is not None and not 0.0 <= preload_n < float("inf"):
         raise BadInput(f"{preload_n:g}", "a number of 0 or more", where=("subject",), key="preload_n")
-    facts = dict(_pairs("--fact", "NAME=VALUE", fact or [], empty=True))
+    facts = dict(_pairs("fact", "NAME=VALUE", fact or [], empty=True))
     values = (None if group is None else part.group, part.participant_id, facts)
     correction = Correction(*values, visit, part.skin_temperature_c, preload_n)
     with _opened_study(store, study, operator) as opened:
@@ -333,7 +333,7 @@ def void(
     study: StudyName = None,
     operator: OperatorName = None,
 ) -> VoidResult:
-    """Leave a visit, run or trial out of all results. It stays in the store, and --voided includes it."""
+    """Leave a visit, run or trial out of all results. It stays in the store."""
     with _opened_study(store, study, operator) as opened:
         about = (code, Part(visit, run, trial), not restore, reason, opened.now, opened.who)
         part = set_void(opened.connection, opened.id, *about)
@@ -387,7 +387,7 @@ def _part(
         "group": group or "unknown",
         "participant_id": participant_id,
         "skin_temperature_c": skin_temperature_c,
-        "demographics": dict(_pairs("--fact", "NAME=VALUE", facts)),
+        "demographics": dict(_pairs("fact", "NAME=VALUE", facts)),
     }
     return from_table(SubjectPart, document, "subject")
 
@@ -401,11 +401,11 @@ def _pairs(option: str, form: str, texts: Sequence[str], empty: bool = False) ->
     for text in texts:
         code, equals, value = text.partition("=")
         if not (code and equals and (value or empty)):
-            raise BadInput(f"{option} {text!r}", form)
+            raise BadInput(f"`{option}` {text!r}", form)
         pairs.append((code, value))
     if len({code for code, _ in pairs}) != len(pairs):
         name = form.partition("=")[0].lower()
-        raise BadInput(f"{option} twice for a {name}", f"each {name} once")
+        raise BadInput(f"`{option}` twice for a {name}", f"each {name} once")
     return pairs
 
 
@@ -449,11 +449,11 @@ def observe(
     truth: Annotated[
         list[str] | None, Option("A subject's threshold (frequency_hz,level_db_sl).", metavar="SUBJECT=CSV")
     ] = None,
-    lapse: Annotated[list[str] | None, Option("A subject's lapse rate; repeatable.", metavar="SUBJECT=RATE")] = None,
+    lapse: Annotated[list[str] | None, Option("A subject's lapse rate.", metavar="SUBJECT=RATE")] = None,
     lsl: Lsl = False,
     seed: Annotated[int, Option("Seed of rig and people; [study] seed draws their answers.", ge=0)] = 0,
 ) -> ObservedResult:
-    """Run simulated subjects through a study. Detection or strength, on a simulated display. With --lsl they wait for a
+    """Run simulated subjects through a study. Detection or strength, on a simulated display. With `lsl` they wait for a
     recorder.
 
     >>> tt.observe("small.toml", "observed.db", seed=1).store
@@ -463,7 +463,7 @@ def observe(
     with within(f"protocol {protocol}"):
         study.require_observers()
     codes, seen = [subject.code for subject in study.subject], set[int]()
-    files, lapses = _pairs("--truth", "SUBJECT=CSV", truth or []), _lapses(lapse or [])
+    files, lapses = _pairs("truth", "SUBJECT=CSV", truth or []), _lapses(lapse or [])
     with sessions_of(store), opened_apparatus(rig, display, controller, seed, None, lsl) as place:
         truths = {code: _truth(path, place.band_hz) for code, path in files}
         _make_ready(place, study.warning)
@@ -508,11 +508,11 @@ def _make_ready(place: Apparatus, warning: str) -> None:
 
 def _lapses(texts: Sequence[str]) -> dict[str, float]:
     lapses = {}
-    for code, text in _pairs("--lapse", "SUBJECT=RATE", texts):
+    for code, text in _pairs("lapse", "SUBJECT=RATE", texts):
         try:
             lapses[code] = float(text)
         except ValueError:
-            raise BadInput(f"--lapse {code}={text}", "SUBJECT=RATE with a number") from None
+            raise BadInput(f"`lapse` {code}={text}", "SUBJECT=RATE with a number") from None
     return lapses
 
 
@@ -610,7 +610,7 @@ class StoreThresholds(Result):
         where = [f"{count} at {hertz:.4g} Hz" for count, hertz in unknown if count]
         notes += [f"not counted, known from neither side: {', '.join(where)}"] if where else []
         if beside is not None:
-            notes.append("a flag alone leaves nobody out: decide, and say --leave-out CODE or --leave-out flagged")
+            notes.append("a flag alone leaves nobody out: decide, and say `leave_out` CODE or `leave_out` flagged")
         return ResultTable(
             f"curve across subjects ({group.curve.provenance})", tuple(columns), tuple(rows), tuple(notes)
         )
@@ -640,7 +640,7 @@ def thresholds(
     ] = None,
     figures: Figures = None,
     leave_out: Annotated[
-        list[str] | None, Option("Subject to leave out of the curve, or flagged: all doubtful thresholds; repeatable.")
+        list[str] | None, Option("Subject to leave out of the curve, or flagged: all doubtful thresholds.")
     ] = None,
     voided: Voided = False,
 ) -> StoreThresholds:
@@ -681,7 +681,7 @@ class ExportedResult(Result):
 def export(
     store: StoreFile,
     out: Annotated[Place, Option("File or folder to write.", writes="folder")],
-    form: Annotated[str, Option("tidy, psych-ds or bids.", ("--format",))] = "tidy",
+    form: Annotated[str, Option("Format: tidy, psych-ds or bids.", ("--format",))] = "tidy",
     voided: Voided = False,
 ) -> ExportedResult:
     """Write every answered trial in an open format. The folder also has a data dictionary."""
@@ -701,7 +701,10 @@ def backup(
     store: Annotated[Place, Argument("Store of the experiment: a file (SQLite).", metavar="STORE", type=str)],
     out: Annotated[Place, Argument("File to write.", metavar="OUT", writes="store")],
 ) -> BackupResult:
-    """Copy a store whole, also while it is served. Raises BadInput where the place cannot be written."""
+    """Copy a store whole, also while it is served.
+
+    Raises BadInput where the place cannot be written.
+    """
     with closing(Store(store, must_exist=True, whole=False)) as database:
         return BackupResult(Path(out), database.backup(Path(out)))
 
@@ -796,7 +799,7 @@ def _quality_row(key: str, value: object) -> tuple[str, str]:
 def simulate(
     procedure: Annotated[
         str,
-        Option("imece2004, up-down, quest-plus, curve, or another package's."),
+        Option("Procedure: imece2004, up-down, quest-plus, curve, or another package's."),
     ] = "imece2004",
     runs: Annotated[int, Option("Simulated runs.")] = 1000,
     slope: Annotated[str, Option("Weibull slope, or LOW:HIGH to draw each run's from.")] = "2.5",
@@ -805,7 +808,7 @@ def simulate(
     trials: Annotated[int | None, Option("Trials of a run, where the procedure has a number of them.")] = None,
     truth: Annotated[
         Place | None,
-        Option("curve: the threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
+        Option("Of curve: the threshold, a CSV with frequency_hz,level_db_sl (default: drawn).", file=True),
     ] = None,
     guess: Annotated[float, Option("Share of trials that are guessed; 1: all.")] = Setting.guessed,
     drift_db: Annotated[float, Option("Rise of thresholds over the run, dB.")] = Setting.drift_db,
@@ -818,8 +821,8 @@ def simulate(
     power: Annotated[float, option_of(PlannedStudy, "power")] = PlannedStudy.power,
     seed: Seed = 0,
 ) -> QualityResult:
-    """Assess how accurate a procedure's estimates are. Runs it with many simulated people. With --effect-db and
-    --spread-db: how many subjects a study needs, and its power.
+    """Assess how accurate a procedure's estimates are. Runs it with many simulated people. With `effect_db` and
+    `spread_db`: how many subjects a study needs, and its power.
 
     Raises BadInput for an effect without a spread, and where no number of subjects finds it.
 
@@ -829,11 +832,12 @@ def simulate(
     if procedure not in plugins(GROUP):
         raise unknown("procedure", procedure, plugins(GROUP))
     if (effect_db is None) != (spread_db is None):
-        raise BadInput("one of --effect-db and --spread-db", "both, or neither: no spread is assumed")
+        raise BadInput("one of `effect_db` and `spread_db`", "both, or neither: no spread is assumed")
     study = None
     if effect_db is not None and spread_db is not None:
         study = PlannedStudy(effect_db, spread_db, design, repeats, alpha, power)  # type: ignore[arg-type]
-    setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
+    with given_as("guessed", "guess"):
+        setting = Setting(runs, _slope_range(slope), lapse, start_db, seed, guess, drift_db, loud_share)
     people = None if truth is None else _truth(truth, Playable.band_hz)
     with working(f"{runs} runs", 1.0) as step:
         quality = simulate_kind(procedure, setting, trials, people, step)

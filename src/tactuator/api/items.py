@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from tactuator.api.option import Option
 from tactuator.api.parameters import ControllerOption, DisplayOption, Place, Seed, chosen_controller
 from tactuator.api.progress import working
+from tactuator.errors import given_as
 from tactuator.io.atomic import atomic_folder
 from tactuator.result import Column, Fact, Result, found, rows_of
 from tactuator.speech.items import (
@@ -90,7 +91,8 @@ def waveforms(
     """
     loaded = chosen_controller(display, controller)
     groups = tuple(tuple(group.split("+")) for group in fingers.split(","))
-    components = tuple(replace(component, level_db_sl=level) for component in (KINESTHETIC, MIDDLE, CUTANEOUS))
+    with given_as("level_db_sl", "level"):
+        components = tuple(replace(component, level_db_sl=level) for component in (KINESTHETIC, MIDDLE, CUTANEOUS))
     waveform_set = WaveformSet(duration, components=components, fingers=groups)
     with _folder(out, waveform_set.labels()) as beside:
         with working("rendering waveforms"):
@@ -118,7 +120,7 @@ def phonemes(
     channels = tuple(channel.name for channel in loaded.display.channels)
     placed = usual_layout(len(channels)) if layout is None else read_layout(Path(layout), channels)
     with _folder(out, CODES) as beside:
-        with working("coding phonemes"):
+        with working("coding phonemes"), given_as("level_db_sl", "level"):
             written = write_phonemes(loaded, level, placed, beside)
         protocol = recognition_protocol("phonemes by TAPS", written, repetitions, seed)
         (beside / PROTOCOL).write_text(protocol, encoding="utf-8")

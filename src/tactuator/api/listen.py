@@ -213,7 +213,7 @@ def listen(
     level = LevelSettings(level_db_sl, gain_db, attack_s, release_s, range_db, gate_db)
     chosen = live_coding(coding_of(coding))
     if fast and not isinstance(rig, Rig) and rig not in ("simulated", "in-process"):
-        raise BadInput(f"--fast at {rig}", "a rig whose time waits: simulated, in-process")
+        raise BadInput(f"`fast` at {rig}", "a rig whose time waits: simulated, in-process")
     name = rig if isinstance(rig, str) else type(rig).__name__
     opening = partial(_opened, rig, controller, display, input, rate_hz, chosen, level, fast, seed)
     return Listening(opening, name, on_block)

@@ -38,6 +38,7 @@ from tactuator.io.record import read_record, read_runs, write_record
 from tactuator.io.response_table import NO_NAMES, ResponseColumns
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
+from tactuator.parameters import Wording
 from tactuator.result import Fact, Result
 from tactuator.rig.rig import require_sensors
 from tactuator.signals import excitation as signals
@@ -52,6 +53,7 @@ _LINES = 160
 def calibrate_sensor(
     pairs: Annotated[
         Place | tuple[Numbers, Numbers],
+        Wording("the path of a file, or a tuple of displacement_mm and voltage_v"),
         Argument("CSV with columns displacement_mm, voltage_v and, if any, name.", file=True, type=Path),
     ],
     gauge_error_mm: Annotated[float, Option("Standard error of the gauge.", ge=0)] = 0.0,
@@ -110,7 +112,7 @@ def record(
     channel: Annotated[str | None, Option("Channel (default: the first).")] = None,
     out: Annotated[Place | None, Option("Record to write (HDF5).", writes="record", shell=Path("record.h5"))] = None,
     duration_s: Annotated[float, Option("Seconds.")] = 60.0,
-    excitation: Annotated[str, Option(", ".join(EXCITATIONS) + ".")] = "mix",
+    excitation: Annotated[str, Option(f"Signal: {', '.join(EXCITATIONS)}.")] = "mix",
     travel_share: Annotated[float, Option("Share of the travel used.")] = 0.5,
     load: Load = "none",
     rig: RigOption = "simulated",
@@ -257,9 +259,7 @@ def identify(
     phase: Annotated[str | None, Option("Of a response: column of the phase.")] = None,
     real: Annotated[str | None, Option("Of a response: column of the real part.")] = None,
     imaginary: Annotated[str | None, Option("Of a response: column of the imaginary part.")] = None,
-    ignore: Annotated[
-        Sequence[str], Option("Of a response: column to leave unread; may be repeated.", type=list[str])
-    ] = (),
+    ignore: Annotated[Sequence[str], Option("Of a response: column to leave unread.", type=list[str])] = (),
     from_s: Annotated[float | None, Option("Use the record from here on.")] = None,
     to_s: Annotated[float | None, Option("Use the record up to here.")] = None,
     order: Annotated[int | None, option_of(IdentifyOptions, "order")] = IdentifyOptions.order,
@@ -277,7 +277,7 @@ def identify(
     validate: Annotated[
         Record | Place | Sequence[Record | Place] | None,
         Option(
-            "Another record, to test the model on; repeatable.",
+            "Another record, to test the model on.",
             file=True,
             type=list[Path] | None,
         ),
@@ -285,7 +285,7 @@ def identify(
     out: Annotated[Place | None, Option("Model file to write (JSON).", writes="model")] = None,
     figures: Figures = None,
 ) -> Identification | ResponseFit:
-    """Identify a model of a recorded mechanism. Exit status 1 if the model is not to be trusted.
+    """Identify a model of a recorded mechanism. `holds` is False if the model is not to be trusted.
 
     records: one, or several of one mechanism, or their files; or a frequency response or its file. A column is named
     as NAME, or with its unit as NAME=UNIT. Raises BadInput for a record that says nothing.

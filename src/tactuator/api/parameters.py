@@ -31,7 +31,7 @@ Numbers = Any
 """Real numbers: a list, an array, or a text with commas between. `numbers` reads and checks them."""
 DISPLAY_HELP = "Display file; a controller is designed for it if none is given."
 CONTROLLER_HELP = "Controller file that `design` wrote."
-RIG_HELP = "simulated, in-process, board:URL, sound:DEVICE."
+RIG_HELP = "Rig: simulated, in-process, board:URL, sound:DEVICE."
 
 Seed = Annotated[int, Option("Seed of all randomness; the same seed, the same result.", ge=0)]
 DisplayOption = Annotated[Display | Place | None, Option(DISPLAY_HELP, file=True)]
@@ -48,7 +48,7 @@ Curve = Annotated[Any, Option("Threshold curve: a name, or a CSV.", type=str | N
 Host = Annotated[str, Option("Address to listen at; another than loopback lets others in.")]
 AllowedHosts = Annotated[
     list[str] | None,
-    Option("Another host name to answer to (of a proxy); repeatable.", ("--allowed-host",), metavar="NAME"),
+    Option("Another host name to answer to (of a proxy).", ("--allowed-host",), metavar="NAME"),
 ]
 TlsCertificate = Annotated[
     Place | None, Option("Certificate file (PEM) for an encrypted connection; with --tls-key.", type=str | None)
@@ -83,7 +83,7 @@ def chosen_controller(display: Display | Place | None, controller: Controller | 
             loaded.require_runs(shown)
         return replace(loaded, display=shown)
     if display is None:
-        raise BadInput("neither --display nor --controller", "one of them")
+        raise BadInput("neither `display` nor `controller`", "one of them")
 
     with working("designing a controller"):
         return design_controller(chosen_display(display))

@@ -63,7 +63,7 @@ def recognise(
     study_protocol, text = read_protocol(Path(protocol), RecognitionProtocol)
     codes = [person.code for person in study_protocol.subject]
     if subject is None and len(codes) > 1:
-        raise BadInput(f"{len(codes)} subjects are in the protocol", f"--subject with one of {', '.join(codes)}")
+        raise BadInput(f"{len(codes)} subjects are in the protocol", f"`subject` with one of {', '.join(codes)}")
     code = codes[0] if subject is None else subject
     scripted = None if scripted_error is None else ErringRespondent(scripted_error, np.random.default_rng([seed, 7]))
     speed = 1.0 if scripted is None else None
@@ -181,14 +181,14 @@ def information(
 ) -> MatrixInformation | StoreInformation:
     """Estimate information transfer in five ways. One has an interval. From a store's studies, or any matrix."""
     if (store is None) == (matrix is None):
-        raise BadInput("--store and --matrix", "one of the two")
+        raise BadInput("`store` and `matrix`", "one of the two")
     rng = np.random.default_rng(seed)
     if matrix is not None:
         counts = read_matrix(Path(matrix)).counts
         estimated = estimates.information(counts, rng, seconds_per_stimulus=seconds, draws=draws)
         return MatrixInformation(Path(matrix), estimated)
     if seconds is not None:
-        raise BadInput("--seconds with --store", "--matrix, since a store knows its stimuli's durations")
+        raise BadInput("`seconds` with `store`", "`matrix`, since a store knows its stimuli's durations")
     assert store is not None
     with closing(Store(store, must_exist=True, voided=voided)) as database:
         subjects, abx = recognition_results(database, rng, study, draws)

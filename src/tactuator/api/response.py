@@ -173,7 +173,7 @@ def measure_noise(
     ] = None,
     seed: Seed = 0,
 ) -> FeltLevels:
-    """Compare felt hum and noise with the threshold. Under proportional gains, then the loop; exit status 1 if felt.
+    """Compare felt hum and noise with the threshold. Under proportional gains, then the loop; `holds` is False if felt.
 
     The display is held at rest. An open rig is used as it is. Raises BadInput for a loop that is unstable by the
     display's models.
@@ -377,7 +377,7 @@ def measure_response(
     mains_hz: MainsHz = None,
     *,
     display: DisplayOption = None,
-    method: Annotated[str, Option("stepped or multisine.")] = "stepped",
+    method: Annotated[str, Option("Method: stepped or multisine.")] = "stepped",
     channel: Channels = None,
     confidence_db: Confidence = MeasurementOptions.confidence_db,
     longest_s: Longest = MeasurementOptions.longest_s,
@@ -386,7 +386,7 @@ def measure_response(
     figures: Figures = None,
     seed: Seed = 0,
 ) -> MeasuredResponses:
-    """Measure the response at a level. Frequencies keep 2 Hz off multiples of mains; exit status 1 if
+    """Measure the response at a level. Frequencies keep 2 Hz off multiples of mains; `holds` is False if
     it is not flat, or the confidence was not reached.
 
     An open rig is used as it is; frequency_hz: (m,); mains_hz: 0 for no mains; coverage: of the
@@ -453,7 +453,7 @@ def measure_crosstalk(
     longest_s: Longest = MeasurementOptions.longest_s,
     seed: Seed = 0,
 ) -> CrosstalkResult:
-    """Measure what other fingers feel. Channels are driven one after the other; exit status 1 if a
+    """Measure what other fingers feel. Channels are driven one after the other; `holds` is False if a
     finger may feel another channel.
 
     channel: to be driven. The other parameters are those of `measure_response`.
@@ -494,7 +494,7 @@ def _prepared(
     with opened(rig, loop.display, seed) as ready:
         touching = put_on(ready, loop, asked.load, touched)
         options = replace(asked, load=touching, mains_hz=mains_hz, band_hz=band_hz, controller_hash=loop.content_hash)
-        check_frequencies(ready, wanted)
+        check_frequencies(ready, wanted, band_hz)
         ready.load(loop)
         yield ready, options, wanted, settle_weights(ready, loop, asked.level_db_sl, np.random.default_rng(seed))
 
@@ -669,8 +669,8 @@ def estimate_load(
     channel: Channels = None,
     seed: Seed = 0,
 ) -> FingerResult:
-    """Estimate the impedance of the touching finger. A signal is played free, touched and free again; exit status 1 if
-    one mass, damper and spring does not describe the finger.
+    """Estimate the impedance of the touching finger. A signal is played free, touched and free again; `holds` is False
+    if one mass, damper and spring does not describe the finger.
 
     Raises BadInput for a load that the display does not have.
 

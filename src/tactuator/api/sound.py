@@ -89,7 +89,7 @@ def latency(
     input_number: Annotated[int, Option("Input of the card that is wired to it.", ("--input",))] = 1,
     level: Level = 0.1,
 ) -> LatencyResult:
-    """Measure the delay through a wire. For latency_samples of [sound]; exit status 1 if it changes."""
+    """Measure the delay through a wire. For latency_samples of [sound]; `holds` is False if it changes."""
     if input_number < 1:
         raise BadInput(f"input {input_number}", "the input to which the wire leads, counted from 1")
     display = wire_display(rate_hz, output, input_number)
@@ -220,7 +220,7 @@ def calibrate_display(
     display: Annotated[
         Display | Place, Argument("Display file (TOML) with [sound]; its plants are replaced.", file=True)
     ],
-    rig: Annotated[str, Option("sound:DEVICE[@RATE].")] = "sound:",
+    rig: Annotated[str, Option("Rig: sound:DEVICE[@RATE].")] = "sound:",
     out: Annotated[Place, Option("Folder to write.", type=Path, shell=Path("out/calibrated"))] = "out/calibrated",
     level_db_sl: Annotated[
         float, Option("Level at which it must be usable and is verified.")
@@ -231,7 +231,7 @@ def calibrate_display(
     seed: Seed = 0,
 ) -> EqualisedResult:
     """Calibrate a display without loop. Finds level, model, usable band and equaliser, and verifies the felt level;
-    exit status 1 if it is not flat.
+    `holds` is False if it is not flat.
 
     Raises BadInput for another rig, and NoDesign where there is no equaliser; what was measured is kept in `out`.
 

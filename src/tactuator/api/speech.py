@@ -213,9 +213,9 @@ def render(
     """
     place, target = Path(source), Path(out)
     kind = "folder" if place.is_dir() else kind_of_source(place)
-    given = {"--coding": coding != CODING, "--save-coding": save_coding, "--legacy": legacy, "--live": live,
-             "--layout": layout, "--felt": felt, "--figures": figures, "--workers": workers,
-             "--scheduler": scheduler}  # fmt: skip
+    given = {"coding": coding != CODING, "save_coding": save_coding, "legacy": legacy, "live": live,
+             "layout": layout, "felt": felt, "figures": figures, "workers": workers,
+             "scheduler": scheduler}  # fmt: skip
     _require_fitting(source, kind, {name: value for name, value in given.items() if value})
     chosen, loaded = coding_of(coding), chosen_controller(display, controller)
     channels = [channel.name for channel in loaded.display.channels]
@@ -239,18 +239,18 @@ def _require_fitting(source: Place, kind: str, given: Mapping[str, Any]) -> None
     """Raise BadInput for options that are not for a source of that kind, or contradict each other."""
     for name in given:
         if kind not in _TAKEN_BY[name]:
-            raise BadInput(f"{name} with {source} ({kind})", " or ".join(_TAKEN_BY[name]))
-    if {"--workers", "--scheduler"} <= given.keys():
-        raise BadInput("--workers with --scheduler", "one of them, since a cluster has its own")
-    if kind == "speech" and "--figures" in given and "--felt" not in given:
-        raise BadInput("--figures without --felt", "both, since they show what was felt")
+            raise BadInput(f"`{name}` with {source} ({kind})", " or ".join(_TAKEN_BY[name]))
+    if {"workers", "scheduler"} <= given.keys():
+        raise BadInput("`workers` with `scheduler`", "one of them, since a cluster has its own")
+    if kind == "speech" and "figures" in given and "felt" not in given:
+        raise BadInput("`figures` without `felt`", "both, since they show what was felt")
 
 
 _TAKEN_BY: Mapping[str, tuple[str, ...]] = {
-    "--coding": ("speech", "folder"), "--save-coding": ("speech", "folder"),
-    "--live": ("speech", "folder"), "--legacy": ("clip", "folder"),
-    "--layout": ("alignment", "folder"), "--felt": ("speech", "clip", "alignment"),
-    "--figures": ("speech", "clip", "alignment"), "--workers": ("folder",), "--scheduler": ("folder",),
+    "coding": ("speech", "folder"), "save_coding": ("speech", "folder"),
+    "live": ("speech", "folder"), "legacy": ("clip", "folder"),
+    "layout": ("alignment", "folder"), "felt": ("speech", "clip", "alignment"),
+    "figures": ("speech", "clip", "alignment"), "workers": ("folder",), "scheduler": ("folder",),
 }  # fmt: skip
 """Kinds of sources that an option is for."""
 

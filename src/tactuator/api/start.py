@@ -70,13 +70,13 @@ def init(
     """
     if examples is not None:
         if like is not None or model is not None or protocol is not None:
-            raise BadInput("--examples with another option", "--examples alone")
+            raise BadInput("`examples` with another option", "`examples` alone")
         copied = copy_examples(Path(examples))
         note = f"{Path(examples) / 'README.md'} says what each file is"
         return WrittenFiles(copied, note)
     target = Path(out)
     if not target.parent.is_dir():
-        raise BadInput(f"no folder {target.parent}", "--out in a folder that exists")
+        raise BadInput(f"no folder {target.parent}", "`out` in a folder that exists")
     contents: dict[Path, bytes] = {}
     if protocol is None or like is not None or model is not None or not target.exists():
         contents[target] = _display_text(like or DISPLAY_KINDS[0], model, target).encode()

@@ -183,7 +183,7 @@ def judged(
                 got = f"the store holds {', '.join(study_names(connection)) or 'no study'}"
             raise BadInput(got, "a study in which tones are judged (others: `experiment thresholds`)")
         if task is None and len(kinds) != 1:
-            raise BadInput(f"the store has {len(kinds)} tasks", f"--task with one of: {', '.join(kinds)}")
+            raise BadInput(f"the store has {len(kinds)} tasks", f"`task` with one of: {', '.join(kinds)}")
         kind = next(iter(kinds)) if task is None else task
         runs = answered_runs(opened, kind, group=group)
     keys, simulated = kinds[kind], any(run.simulated for run in runs)

@@ -1,7 +1,9 @@
 """A command made of a function: the only place that knows how a parameter is spelled on the command line."""
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -10,13 +12,15 @@ import typer
 from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
 from tactuator.api.progress import watched
 from tactuator.cli.output import Bars, answer
-from tactuator.errors import BadInput, Interrupted, reason_of
+from tactuator.errors import BadInput, Interrupted, TactuatorError, reason_of
 from tactuator.io.atomic import check_parent
 from tactuator.io.kinds import KINDS, require_kind, require_replaceable
 from tactuator.io.text import parse_toml, read_text
 
 DOES_NOT_HOLD = 1
 """Exit status of a command whose result does not hold: a requirement is not met, a model not trusted."""
+_STATUS = ((". `holds` is False", ". Exit status 1"), ("`holds` is False", "exit status 1"))
+"""What a docstring says of a result that does not hold, and what the help says."""
 
 _ANSWERS = {
     "as_json": Option("Print exactly one JSON object on standard output.", ("--json",)),
@@ -33,7 +37,9 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
     signature = inspect.signature(function)
     options = {name: option_in(parameter.annotation) for name, parameter in signature.parameters.items()}
     known = {name: option for name, option in options.items() if option is not None}
+    typed = _speller(known)
 
+    @_as_typed(known, typed)
     def command(**given: Any) -> None:
         as_json, full = given.pop("as_json", False), given.pop("full", False)
         for name, option in known.items():
@@ -50,13 +56,14 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
                 result = function(**given)
             if result is None:
                 return
-            answer(result, as_json, full, [place for place in places if place.exists() and result.ending is None])
+            written = [place for place in places if place.exists() and result.ending is None]
+            answer(result, as_json, full, written, typed)
         except KeyboardInterrupt as error:
-            written = [str(place) for place in places if _changed_ns(place) != before[place]]
-            written += getattr(error, "__notes__", ())
-            if not (places or written):
+            changed = [str(place) for place in places if _changed_ns(place) != before[place]]
+            changed += getattr(error, "__notes__", ())
+            if not (places or changed):
                 raise
-            raise Interrupted(f"interrupted; written: {', '.join(written) or 'nothing'}") from None
+            raise Interrupted(f"interrupted; written: {', '.join(changed) or 'nothing'}") from None
         if result.ending is not None:
             raise result.ending
         if not result.holds:
@@ -66,7 +73,10 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
     if signature.return_annotation is not None:
         parameters += [_typer_parameter(_SWITCH, option, name) for name, option in _ANSWERS.items()]
     command.__name__ = function.__name__
-    command.__doc__ = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
+    about = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split())
+    for in_python, in_the_shell in _STATUS:
+        about = about.replace(in_python, in_the_shell)
+    command.__doc__ = typed(about)
     vars(command)["__signature__"] = inspect.Signature(parameters)
     return command
 
@@ -81,14 +91,41 @@ def _typer_parameter(parameter: inspect.Parameter, option: Option, name: str) ->
     path = Path if required or default is not None else Path | None
     kind = option.type or (path if option.file or option.writes else annotation)
     more: dict[str, Any] = {"help": option.help, "metavar": option.metavar}
+    if not isinstance(option, Argument) and any(get_origin(each) is list for each in (kind, *get_args(kind))):
+        more["help"] += " Repeatable."
     if option.ge is not None or option.le is not None:
         more |= {"min": option.ge, "max": option.le}
     if isinstance(option, Argument):
         spelled: Any = typer.Argument(... if required else default, **more)
     else:
-        names = option.names or (f"--{name.replace('_', '-')}",)
-        spelled = typer.Option(... if required else default, *names, **more)
+        spelled = typer.Option(... if required else default, *_spellings(name, option), **more)
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=spelled, annotation=kind)
+
+
+def _spellings(name: str, option: Option) -> tuple[str, ...]:
+    return option.names or (f"--{name.replace('_', '-')}",)
+
+
+def _speller(known: Mapping[str, Option]) -> Callable[[str], str]:
+    """Return what spells the parameters that a text names (`name`) as they are typed."""
+    typed = {
+        name: name if isinstance(option, Argument) else _spellings(name, option)[-1].partition("/")[0]
+        for name, option in known.items()
+    }
+    return lambda text: re.sub(r"`(\w+)`", lambda found: typed.get(found[1], found[0]), text)
+
+
+@contextmanager
+def _as_typed(known: Mapping[str, Option], typed: Callable[[str], str]) -> Iterator[None]:
+    """Spell the parameters that an error names as they are typed."""
+    try:
+        yield
+    except TactuatorError as error:
+        error.got, error.allowed = typed(error.got), typed(error.allowed)
+        if error.key in known and not error.where:  # otherwise it is the key of a file
+            error.key = typed(f"`{error.key}`")
+        error.__notes__ = [typed(note) for note in getattr(error, "__notes__", ())]
+        raise
 
 
 def _keep_what_is_there(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
@@ -108,7 +145,7 @@ def _keep_what_is_there(known: Mapping[str, Option], given: Mapping[str, Any]) -
                 if place.is_file() and _is_same(place, path):
                     if read in KINDS:
                         require_kind(argument, read)
-                    raise BadInput(f"{name} {place} is the {read} itself, or a file that it names", "another name")
+                    raise BadInput(f"`{name}` {place} is a file that the command reads", "another name")
             if option.writes in KINDS:
                 require_replaceable(place, option.writes)
 

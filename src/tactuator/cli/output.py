@@ -3,7 +3,7 @@
 import json
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import count
@@ -21,37 +21,44 @@ from tactuator.errors import visible
 from tactuator.result import Result, ResultTable
 
 
-def answer(result: Result, as_json: bool, full: bool, written: Sequence[object] = ()) -> None:
+def answer(
+    result: Result, as_json: bool, full: bool, written: Sequence[object] = (), typed: Callable[[str], str] = str
+) -> None:
     """Print `result` and the files that were written: as exactly one JSON object, as its tables, or as a summary.
+
+    typed: makes options of the parameters that a text names.
 
     Text is printed as it is: "[dB SL]" is a unit, not markup. In the JSON, numbers that JSON cannot say (infinite, not
     a number) are null; complex numbers are [re, im].
     """
     for notice in result.notices():
-        sys.stderr.write(f"tactuator: {visible(notice)}\n")
+        sys.stderr.write(f"tactuator: {typed(visible(notice))}\n")
     if as_json:
         sys.stdout.write(visible(json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False)) + "\n")
         return
     console = Console(file=sys.stdout, markup=False, highlight=False)
     places = [f"written: {path}" for path in written]
     if not full:
-        console.print(*result.summary_lines(places, console.width, "--full"), sep="\n", soft_wrap=True)
+        step = result.next_step()
+        below = [*([f"next: {step}"] if step else []), *places]
+        console.print(*map(typed, result.summary_lines(below, console.width, "--full")), sep="\n", soft_wrap=True)
         return
-    parts = result.all_tables()
     shown = [
-        Group(drawn(part, console), *map(visible, part.notes)) if isinstance(part, ResultTable) else visible(part)
-        for part in parts
+        Group(drawn(part, console, typed), *(typed(visible(note)) for note in part.notes))
+        if isinstance(part, ResultTable)
+        else typed(visible(part))
+        for part in result.all_tables()
     ]
     console.print(*shown, *map(visible, places), sep="\n")
 
 
-def drawn(content: ResultTable, console: Console) -> Table:
+def drawn(content: ResultTable, console: Console, typed: Callable[[str], str] = str) -> Table:
     """Return a table as wide as the console lets it be: no word is broken where there is room for all of them, and no
     number where there is room for those.
     """
     table = Table(title=content.caption or None, box=SIMPLE_HEAD, pad_edge=False)
     firm, least, most, wide = list[int](), list[int](), list[int](), console.options.update(max_width=10_000)
-    rows = [[visible(cell) for cell in row] for row in content.rows]
+    rows = [[typed(visible(cell)) for cell in row] for row in content.rows]
     for name, *cells in zip(content.columns, *rows, strict=True):
         sizes = [Measurement.get(console, wide, Text(cell)) for cell in (name, *cells)]
         most.append(max(size.maximum for size in sizes))

@@ -235,7 +235,7 @@ class Outlet:
         try:
             self._lsl: Any = import_module("pylsl")
         except (ImportError, RuntimeError):  # the latter where it has not its library
-            raise BadInput("pylsl is missing: install it with `pip install tactuator[lsl]`") from None
+            raise BadInput("pylsl is missing: install it with `pip install 'tactuator[lsl]'`") from None
         if "LSLAPICFG" not in os.environ:
             self._lsl.util.set_config_content(THIS_MACHINE)
         self._rate_hz, self._speed = rig.rate_hz, rig.speed or 1.0

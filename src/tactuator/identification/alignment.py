@@ -282,7 +282,7 @@ def require_aligned(record: Record) -> None:
         is_use = before - record.from_s > _LEAST_PART * record.duration_s
         raise BadInput(
             f"samples are missing: {', '.join(lost)}",
-            f"what lies before (--to-s {before:.4g})" if is_use else "a record without gaps",
+            f"what lies before (`to_s` {before:.4g})" if is_use else "a record without gaps",
         )
 
 

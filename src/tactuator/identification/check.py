@@ -116,7 +116,7 @@ def check_length(
         return (INTEGRATOR.of(slowest * duration_s, "a pole or an integrator"),)
     raise BadInput(
         f"the record lasts {duration_s:.3g} s, the slowest time constant {1.0 / max(slowest, 1e-300):.3g} s",
-        "a longer record, or --order with the number of poles that you expect",
+        "a longer record, or `order` with the number of poles that you expect",
     )
 
 

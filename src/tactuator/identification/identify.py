@@ -120,7 +120,7 @@ def _require_held(common: Prepared, holds: tuple[Hold, ...], known: Known, first
         moved = "the position answers one that went on" if ahead < -CERTAIN else "it may have gone on"
         raise BadInput(
             f"the command repeats its values, {each:.3g} samples each, and {moved} between them",
-            "a command logged as often as the position, or --hold zero-order if it was held",
+            "a command logged as often as the position, or `hold` zero-order if it was held",
         )
 
 

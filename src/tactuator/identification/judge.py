@@ -157,7 +157,7 @@ def _with_what_is_left(
     """
     share, level = bent
     place = "" if tests.jump is None else common.place(tests.part, tests.jump)
-    jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: --from-s, --to-s")
+    jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: `from_s`, `to_s`")
     rows = (jump, trust.DISTORTION.of(100.0 * share), trust.CHANGE.of(DB * change.greatest, remedy=_SHORTER))
     excess = model.excess.joined(level).joined(change.at(model.excess.frequency_hz))
     return replace(model.with_checks(*rows), excess=excess)
@@ -330,8 +330,8 @@ def _slowest(fit: SpectralFit, theta: FloatArray) -> float:
 
 
 _ONE_CLOCK = "record both columns with one clock"
-_SHORTER = "use a shorter part: --from-s, --to-s"
-_STATE_LOOP = "with --closed-loop yes if a position loop was closed around it"
+_SHORTER = "use a shorter part: `from_s`, `to_s`"
+_STATE_LOOP = "with `closed_loop` yes if a position loop was closed around it"
 _NO_LOOP = "record the motor outside its position loop, with noise several times as large as the friction"
 _SHOWN = 20.0
 """Radians that a resonance turns in a record; one that turns less may be two integrators."""

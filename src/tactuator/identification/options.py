@@ -105,7 +105,7 @@ class IdentifyOptions:
     fixed: Annotated[
         tuple[Fixed, ...],
         Field(
-            description="Known value, NAME=VALUE; repeatable: gain (position over command at 0 Hz), "
+            description="Known value, NAME=VALUE: gain (position over command at 0 Hz), "
             "pole (Hz; first-order low-pass), delay_s (dead time)."
         ),
     ] = ()
@@ -115,7 +115,7 @@ class IdentifyOptions:
     ] = "auto"
     method: Annotated[
         Literal["refined", "rls"],
-        Field(description="refined (maximum likelihood), rls (the paper's recursive least squares)."),
+        Field(description="Method: refined (maximum likelihood), rls (the paper's recursive least squares)."),
     ] = "refined"
     forgetting: Annotated[float, Field(gt=0.0, le=1.0, description="Forgetting factor; 1 keeps everything.")] = 1.0
 

@@ -223,7 +223,7 @@ class Identification(Fitted):
 
 
 _HELPS = (
-    "what may help: --order with the number of poles that you expect (2 for a motor on a spring), a longer record, or "
+    "what may help: `order` with the number of poles that you expect (2 for a motor on a spring), a longer record, or "
     "one without a loop around the plant"
 )
 _TESTS = ("white_p", "uncorrelated_p", "unexplained")

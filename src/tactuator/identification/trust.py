@@ -56,7 +56,7 @@ LEFT_OUT = Standard("friction that the method leaves out, over the command", "%"
 """Coulomb friction c under a sine of rms u takes 4 c / (pi sqrt(2) u) of it: 3 % moves a response by 0.24 dB."""
 FIXED = Standard("fixed value off the record's own", "%", 10.0)
 FIXED_DB = Standard("response with what is fixed off the record's own", "dB", 1.0)
-HOLD = Standard("evidence on held or filtered (--hold), over what is needed", "", 1.0, "cannot tell", least=True)
+HOLD = Standard("evidence on held or filtered (`hold`), over what is needed", "", 1.0, "cannot tell", least=True)
 AGAINST = Standard("negative static gain", "", 0.0, "cannot tell")
 INTEGRATOR = Standard("record over its slowest time constant", "", 1.0, "cannot tell", least=True)
 UNSEEN_INSIDE = Standard("unseen response inside the band", "%", 80.0, least=True)

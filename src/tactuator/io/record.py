@@ -138,7 +138,7 @@ def _assemble(
         remarks += of_clock
     elif known is None:
         if (known := columns.head_hz) is None:
-            raise BadInput("there is no rate and no time column", "--time NAME or NAME=UNIT, or --rate-hz")
+            raise BadInput("there is no rate and no time column", "`time` NAME or NAME=UNIT, or `rate_hz`")
         remarks.append(f"the rate is that of the file's head, {known:g} Hz")
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
     units = _unit(columns, u_column), _unit(columns, y_column)
@@ -146,7 +146,7 @@ def _assemble(
     quantity = y_column.quantity
     if quantity not in ("", "displacement") and "quantity" not in about:
         about["quantity"] = quantity
-        remarks.append(f"{y_name!r} is read as {quantity} (--quantity)")
+        remarks.append(f"{y_name!r} is read as {quantity} (`quantity`)")
     read = {u_name, y_name, clock.text if clock else "", "" if r is None else str(r_name)}
     if unread := _unread(columns, read, columns.values[y_name].size):
         remarks.append(f"not read: {', '.join(map(repr, unread))}")
@@ -161,7 +161,7 @@ def _reported(command: ColumnName, position: ColumnName, command_unit: str, *, n
     """Yield what is to be reported of how columns were chosen and of their units; named: by the user."""
     usual = {_plain(command.base), _plain(position.base)} & {*INPUT_NAMES, *OUTPUT_NAMES}
     if not named and not usual:
-        yield f"{command.text!r} is read as the command, {position.text!r} as the position (--input, --output)"
+        yield f"{command.text!r} is read as the command, {position.text!r} as the position (`input`, `output`)"
     if command_unit and command.unit.kind != "voltage":
         yield f"the command {command.text!r} is read in {command_unit}, where a display commands volts"
     yield from (f"{name.text!r} has no unit that is known" for name in (command, position) if name.is_unknown)
@@ -244,7 +244,7 @@ class _Rows:
             more += f", {in_a_row} in a row" if in_a_row > _LONGEST_UNREAD else ""
             raise BadInput(
                 f"{name} is not a number in row {self.first + bad[0] + 1} of {self.first + values.size}{more}",
-                f"numbers (2 % may lack, {_LONGEST_UNREAD} in a row; a part: --from-s, --to-s)",
+                f"numbers (2 % may lack, {_LONGEST_UNREAD} in a row; a part: `from_s`, `to_s`)",
             )
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
         if largest > 0.0 and not SMALLEST <= largest <= 1.0 / SMALLEST:

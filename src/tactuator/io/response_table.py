@@ -160,9 +160,9 @@ class _Reader:
         """Return the response."""
         frequency = self.one("frequency", self.asked.frequency, ("frequency",), ("frequency", "angular", ""))
         if frequency is None:
-            raise BadInput(f"no frequency among {self._list()}", "a column frequency_hz, or --frequency NAME")
+            raise BadInput(f"no frequency among {self._list()}", "a column frequency_hz, or `frequency` NAME")
         if frequency.unit.kind == "" and (frequency.unknown or frequency.words & {"omega", "\u03c9", "w"}):
-            allowed = f"--frequency {frequency.text + '=Hz'!r} or {frequency.text + '=rad/s'!r}"
+            allowed = f"`frequency` {frequency.text + '=Hz'!r} or {frequency.text + '=rad/s'!r}"
             raise BadInput(f"the frequency {frequency.text!r} has no unit that is known", allowed)
         hertz = self.values(frequency) * frequency.unit.factor
         self.names = [column for column in self.names if self.values(column).size == hertz.size]
@@ -175,7 +175,7 @@ class _Reader:
             about["unit"] = main.unit.text
         if main.quantity not in ("", "displacement"):
             about["quantity"] = main.quantity
-            self.remarks.append(f"{main.text!r} is read as a response of {main.quantity} (--quantity)")
+            self.remarks.append(f"{main.text!r} is read as a response of {main.quantity} (`quantity`)")
         return self._assembled(hertz, said, deviation, about, assumed)
 
     def values(self, column: ColumnName) -> FloatArray:
@@ -189,7 +189,7 @@ class _Reader:
         if asked is not None:
             column = asked_column(self.columns, asked, role)
             if column.unit.kind not in kinds:
-                allowed = f"a column for --{role} in another unit, or NAME=UNIT"
+                allowed = f"a column for `{role}` in another unit, or NAME=UNIT"
                 raise BadInput(f"{column.text!r}, named as {role}, is in {column.unit.text}", allowed)
             size = self.names and self.values(self.names[0]).size
             if role != "frequency" and self.values(column).size != size:
@@ -199,7 +199,7 @@ class _Reader:
         found = [column for column in self.names if role_of(column) in roles]
         if len(found) > 1:
             several = ", ".join(repr(column.text) for column in found)
-            raise BadInput(f"{len(found)} columns may be the {role}: {several}", f"--{role} NAME, the one that is")
+            raise BadInput(f"{len(found)} columns may be the {role}: {several}", f"`{role}` NAME, the one that is")
         self.read.update(column.text for column in found)
         return found[0] if found else None
 
@@ -219,7 +219,7 @@ class _Reader:
                 said.append(_Said((real, imaginary), np.abs(value), np.angle(value)))
             elif half := real or imaginary:
                 got = f"{half.text!r} without its other half among {self._list()}"
-                raise BadInput(got, f"--{'imaginary' if imaginary is None else 'real'} NAME")
+                raise BadInput(got, f"`{'imaginary' if imaginary is None else 'real'}` NAME")
         if asked.real is None and asked.imaginary is None:
             phase = self.one("phase", asked.phase, ("phase",), ("angle", ""))
             turned = None if phase is None else self._radians(phase)
@@ -227,7 +227,7 @@ class _Reader:
                 said.append(_Said((column, *((phase,) if phase else ())), self._linear(column), turned))
         if not said:
             allowed = "frequency_hz with magnitude or magnitude_db (and phase_deg), or with real and imag"
-            raise BadInput(f"no magnitude among {self._list()}", f"{allowed}; --magnitude NAME says which")
+            raise BadInput(f"no magnitude among {self._list()}", f"{allowed}; `magnitude` NAME says which")
         for other in said[1:]:
             said[0].require_alike(other)
         self.remarks += said[0].remarks()
@@ -255,7 +255,7 @@ class _Reader:
         largest = _largest(values)
         if 0.0 < largest <= _LEAST_TURN_DEG or _LIKE_ANGLE.search(column.unknown):
             got = f"the phase {column.text!r} has no unit and stays within {largest:.3g}: degrees or radians"
-            raise BadInput(got, f"--phase {column.text + '=deg'!r} or --phase {column.text + '=rad'!r}")
+            raise BadInput(got, f"`phase` {column.text + '=deg'!r} or `phase` {column.text + '=rad'!r}")
         return np.radians(values)
 
     def _require_read(self, phase: FloatArray | None) -> None:
@@ -267,7 +267,7 @@ class _Reader:
         named = ", ".join(repr(column.text) for column in unread)
         if phase is None:
             first = unread[0].text
-            allowed = f"--phase {first!r} if it is the phase, or --ignore {first!r}"
+            allowed = f"`phase` {first!r} if it is the phase, or `ignore` {first!r}"
             raise BadInput(f"a magnitude without phase, beside what is not read: {named}", allowed)
         self.remarks.append(f"not read: {named}")
 
@@ -284,7 +284,7 @@ class _Reader:
         share = self.values(coherence)
         if not (np.nanmax(share) <= 1.01 and np.nanmin(share) >= 0.0):
             got = f"{coherence.text!r} goes from {np.nanmin(share):.3g} to {np.nanmax(share):.3g}"
-            raise BadInput(got, f"0 to 1, or --ignore {coherence.text!r}")
+            raise BadInput(got, f"0 to 1, or `ignore` {coherence.text!r}")
         self.remarks.append("the coherence is taken to be of one average")
         share = np.clip(share, 1e-3, 1.0 - 1e-6)
         return np.maximum(np.sqrt((1.0 - share) / (2.0 * share)), 1e-4), False
@@ -334,7 +334,7 @@ class _Said:
         if np.mean(off > 1.0) > _FEW:
             one, two = (", ".join(repr(column.text) for column in each.columns) for each in (self, other))
             got = f"{one} and {two} say the response differently, most in row {int(np.argmax(off)) + 1}"
-            raise BadInput(got, "--magnitude and --phase, or --real and --imaginary, that are of one response")
+            raise BadInput(got, "`magnitude` and `phase`, or `real` and `imaginary`, that are of one response")
 
     def remarks(self) -> list[str]:
         """Return what was read in columns whose names do not say it all."""

@@ -122,7 +122,7 @@ def _counted(time_s: FloatArray, rate_hz: float | None, first: int) -> Stamps:
     by_number = (count - 1) / (time_s[-1] - time_s[0])
     if rate_hz is None:
         got = f"the time stamps repeat, {1.0 / np.mean(step > 0.0):.3g} rows each"
-        raise BadInput(got, f"the sampling rate as well (--rate-hz), {by_number:.5g} by their number")
+        raise BadInput(got, f"the sampling rate as well (`rate_hz`), {by_number:.5g} by their number")
     off = time_s * rate_hz - np.arange(count)
     off -= np.median(off)
     worst = int(np.argmax(np.abs(off)))

@@ -96,7 +96,7 @@ def felt_elsewhere(
         require_sensors(rig, others)
     names = [name for name in rig.channels if name not in unread]
     columns = [rig.channels.index(name) for name in names]
-    check_frequencies(rig, frequency_hz)
+    check_frequencies(rig, frequency_hz, options.band_hz)
     frequencies = tones(frequency_hz, options.mains_hz, options.band_hz or (0.0, 0.45 * rig.rate_hz))
     channels = [rig.display.channel(name) for name in names]
     steps_v, noise_v = np.array([(each.converter.step_v, each.environment.noise_v_rms) for each in channels]).T

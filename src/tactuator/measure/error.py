@@ -360,8 +360,8 @@ def _finding(response: Response, display: Display) -> Finding:
         remark = f"{beside}; {words} at {limited.min():.4g} Hz{more}: a lower level"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=remark)
     if np.any(perhaps) and not np.any(surely):
-        tones = "--method stepped, as friction takes more of a tone alone; " if response.method == "multisine" else ""
-        remedy = "a smaller --confidence-db, or a higher level if converters are coarse"
+        tones = "`method` stepped, as friction takes more of a tone alone; " if response.method == "multisine" else ""
+        remedy = "a smaller `confidence_db`, or a higher level if converters are coarse"
         if (images := images_db(display, response.channel, response.frequency_hz)[worst]) > 0.5 * doubt[worst]:
             remedy = f"images of the command change what the sensor reads by {images:.2g} dB: a higher rate_hz"
         return replace(finding, outcome=Outcome.NOT_JUDGED, remark=f"{beside} leaves it open: {tones}{remedy}")

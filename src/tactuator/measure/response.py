@@ -15,7 +15,7 @@ from tactuator.measure.options import MeasurementOptions
 from tactuator.rig.rig import Rig, column_of, require_sensors
 from tactuator.runtime.simulation import REFERENCE_MAX
 from tactuator.signals.decibels import db, from_db
-from tactuator.signals.multisine import Multisine, multisine, multisine_lines, tones
+from tactuator.signals.multisine import Band, Multisine, multisine, multisine_lines, require_inside, tones
 from tactuator.signals.record import Method, Response
 from tactuator.signals.spectra import off_mains
 
@@ -77,8 +77,8 @@ def multisine_response(
     beyond_db = float(db(np.max(np.abs(excited.one_period())) / REFERENCE_MAX))
     if beyond_db > 0.0:
         level, most = options.level_db_sl, np.floor(10.0 * (options.level_db_sl - beyond_db)) / 10.0
-        asked = f"level (--level) of {level:g} dB SL for {excited.bins.size} frequencies at once"
-        raise BadInput(asked, f"up to {most:g} dB SL for so many, or --method stepped")
+        asked = f"{level:g} dB SL for {excited.bins.size} frequencies at once"
+        raise BadInput(asked, f"at most {most:g} dB SL for so many, or `method` stepped", key="level_db_sl")
     return _together(rig, excited, columns, options, settle_s)
 
 
@@ -154,13 +154,18 @@ def _responses(
 
 def check_asked(rig: Rig, frequency_hz: ArrayLike, options: MeasurementOptions) -> list[int]:
     """Return the columns to measure. Raises BadInput for what cannot be measured."""
-    check_frequencies(rig, frequency_hz)
+    check_frequencies(rig, frequency_hz, options.band_hz)
     return sensed_columns(rig, options.channels)
 
 
-def check_frequencies(rig: Rig, frequency_hz: ArrayLike) -> None:
-    """Raise BadInput for no frequency at all, or one at which the rig cannot be measured."""
+def check_frequencies(rig: Rig, frequency_hz: ArrayLike, band_hz: Band | None = None) -> None:
+    """Raise BadInput for no frequency at all, or one outside the band, or, without a band, at which the rig cannot be
+    measured.
+    """
     frequency = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    if band_hz is not None:
+        for hertz in frequency.tolist():
+            require_inside(hertz, band_hz)
     if frequency.size == 0 or not (np.min(frequency) > 0.0 and np.max(frequency) < 0.45 * rig.rate_hz):
         got = f"frequencies {frequency.tolist()} Hz" if frequency.size else "no frequency is given"
         raise BadInput(got, f"above 0, below {0.45 * rig.rate_hz:g} Hz")

@@ -519,7 +519,9 @@ class Display(Result):
     sound: SoundCard | None = None
     touch: Touch = field(default_factory=Touch)
 
-    in_words: ClassVar[str] = "a Display (of a plant: tt.Display(rate_hz, [tt.Channel(..., plant=plant)]))"
+    in_words: ClassVar[str] = (
+        "a Display (tt.read_display reads a file; of a plant: tt.Display(rate_hz, [tt.Channel(..., plant=plant)]))"
+    )
 
     __repr__ = Result.__repr__
 

@@ -205,7 +205,7 @@ def check_level(level_db_sl: float) -> None:
     """Raise BadInput for a level that is not from LOWEST_DB_SL to COMFORT_DB_SL."""
     if not LOWEST_DB_SL <= level_db_sl <= COMFORT_DB_SL:
         most = f"{COMFORT_DB_SL:g} dB SL, which is still comfortable"
-        raise BadInput(f"level (--level) of {level_db_sl:g} dB SL", f"{LOWEST_DB_SL:g} to {most}")
+        raise BadInput(f"{level_db_sl:g} dB SL", f"{LOWEST_DB_SL:g} to {most}", key="level_db_sl")
 
 
 _SHIPPED: dict[str, tuple[str, Provenance, str, Contact]] = {

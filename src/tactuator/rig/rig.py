@@ -404,7 +404,7 @@ def usual_load(channels: Sequence[Channel]) -> str:
     if not any(names):
         return "none"
     if not common:
-        raise BadInput("no load is on every channel", "--load with the name of one")
+        raise BadInput("no load is on every channel", "`load` with the name of one")
     return "finger" if "finger" in common else common[0]
 
 

@@ -112,7 +112,7 @@ class SerialPort:
         try:
             serial: Any = importlib.import_module("serial")
         except ImportError:
-            raise BadInput("pyserial is missing: install it with `pip install tactuator[board]`") from None
+            raise BadInput("pyserial is missing: install it with `pip install 'tactuator[board]'`") from None
         self._error: type[Exception] = serial.SerialException
         name, _, baud = url.partition("@")
         if baud and not (baud.isdecimal() and int(baud) > 0):

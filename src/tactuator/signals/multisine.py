@@ -235,7 +235,7 @@ def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> Flo
     asked = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
     moved = off_mains(asked, mains_hz, band_hz=band_hz)
     for hertz, played in zip(asked.tolist(), moved.tolist(), strict=True):
-        _require_inside(hertz, band_hz)
+        require_inside(hertz, band_hz)
         if abs(played - hertz) > TOLERANCE * hertz or not band_hz[0] <= played <= band_hz[1]:
             line = nearest_mains(hertz, mains_hz or hertz)
             raise BadInput(
@@ -246,7 +246,8 @@ def tones(frequency_hz: ArrayLike, mains_hz: float | None, band_hz: Band) -> Flo
     return np.unique(moved)
 
 
-def _require_inside(hertz: float, band_hz: Band) -> None:
+def require_inside(hertz: float, band_hz: Band) -> None:
+    """Raise BadInput for a frequency outside the band."""
     if not band_hz[0] <= hertz <= band_hz[1]:
         raise BadInput(f"{hertz:g} Hz", f"{band_hz[0]:g} to {band_hz[1]:g} Hz, the band")
 
@@ -268,7 +269,7 @@ def multisine_lines(
     """
     asked = np.sort(np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64)))
     for hertz in asked if exactly else ():
-        _require_inside(float(hertz), band_hz)
+        require_inside(float(hertz), band_hz)
     missed = f"two periods of {asked[0]:g} Hz within {longest_s:g} s"
     longest: tuple[int, Bins] | None = None
     # periods of the lowest line in the longest period that is tried

@@ -147,7 +147,7 @@ def parse_haptic(text: str, legacy: bool = False) -> Clip:
     rows = rows_of(envelopes.get("frequency") or [], "frequency")
     at = _times(rows, "frequency")
     if at and at[-1] > times[-1] and not legacy:
-        end = f"up to the amplitude's end, {times[-1]:g} s; older players take it, and so does --legacy"
+        end = f"up to the amplitude's end, {times[-1]:g} s; older players take it, and so does `legacy`"
         raise BadInput(f"a point at {at[-1]:g} s", end, where=("frequency",))
     pitch = [number_of(row, "frequency", 0.0, 1.0, f"frequency[{k}]") for k, row in enumerate(rows)]
     course = Breakpoints(np.array(at), np.array(pitch)) if at else Breakpoints(np.zeros(1), np.array([0.5]))

@@ -166,7 +166,7 @@ def render_file(
         if path is not None:
             check_suffix(path)
     if felt_out is not None and felt_out.resolve() == out.resolve():
-        raise BadInput(f"--felt and --out are both {out}", "two files")
+        raise BadInput(f"`felt` and `out` are both {out}", "two files")
     provenance = source_of(source, job)
     with signal_of(source, job, out.parent) as signal:
         return write_signal(signal, out, job, provenance, felt_out, progress)

@@ -196,7 +196,7 @@ class _Judge:
         place = int(np.argmax(np.abs(worst)))
         figure = float(abs(worst[place])), allowed_db, "dB"
         finding = self.compared(("i", MODE_OFF), figure, float(frequency[place]), "")
-        remark = f"for information only: {in_jnd(figure[0])}; --monte-carlo draws such plants"
+        remark = f"for information only: {in_jnd(figure[0])}; `tactuator check --monte-carlo` draws such plants"
         yield replace(_open(finding, remark), side=float(np.sign(worst[place])), counts=False)
 
     def _shaped(self, frequency: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
@@ -443,7 +443,7 @@ def drawn_assumptions(drawn: Sequence[DrawnPlants]) -> tuple[str, ...]:
     """Return what the draws assume, one sentence each."""
     shifts = {plants.channel: plants.mode_shift for plants in drawn if plants.mode_shift > 0.0}
     return tuple(
-        f"modes of {name}: {100.0 * shift:g} % of standard deviation in frequency (--mode-shift)"
+        f"modes of {name}: {100.0 * shift:g} % of standard deviation in frequency (`mode_shift`)"
         for name, shift in shifts.items()
     )
 
@@ -479,7 +479,7 @@ def _judged(
     else:
         value = float(np.quantile(np.where(np.isfinite(values), values, np.inf), 1.0 - MAY_PASS, method="higher"))
     share = f"{passing} of {plants.count} plants drawn from the {plants.source} exceed it"
-    outcome, remark = Outcome.NOT_JUDGED, f"{share}: too few to tell whether 5 % do; more plants (--monte-carlo)"
+    outcome, remark = Outcome.NOT_JUDGED, f"{share}: too few to tell whether 5 % do; more plants (`monte_carlo`)"
     if few:
         outcome, remark = Outcome.MET, share
     elif many:

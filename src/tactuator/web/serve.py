@@ -52,9 +52,7 @@ def serve(
         Option("A line with a token for each operator; default: TACTUATOR_OPERATOR_TOKEN, or fresh.", type=Path | None),
     ] = None,
     speed: Annotated[float, Option("Speed of presentation; 0: as fast as possible.")] = 1.0,
-    operator: Annotated[
-        list[str] | None, Option("Name of an operator, for the log; repeatable.", metavar="NAME")
-    ] = None,
+    operator: Annotated[list[str] | None, Option("Name of an operator, for the log.", metavar="NAME")] = None,
     auto_start: Annotated[bool, Option("Subjects may begin without the operator.")] = False,
     amend: Annotated[str | None, Option("Why the protocol changed; stored as a new version.")] = None,
     show: Annotated[
@@ -64,7 +62,7 @@ def serve(
     seed: Seed = 0,
 ) -> None:
     """Serve the study to browsers. Runs until interrupted; the addresses of subjects and operator go to standard error.
-    Without a display or controller file: the paper's display and C. A changed protocol needs --amend, unless it only
+    Without a display or controller file: the paper's display and C. A changed protocol needs `amend`, unless it only
     adds subjects.
 
     Raises BadInput where another process runs the sessions of the store.

@@ -142,7 +142,7 @@ def test_microphone__none_named__the_default_one_closed_in_the_end(library):
         ("speakers", None, "", BadInput, "no sound card 'speakers'"),
         ("usb@8", None, "Invalid sample rate", BadInput, "does not run at 8 Hz"),
         ("usb", None, "Device unavailable", DeviceFault, "cannot be opened"),
-        ("usb", 48000, "", BadInput, "--rate with a microphone"),
+        ("usb", 48000, "", BadInput, "`rate_hz` with a microphone"),
         ("nothere.wav", None, "", BadInput, "file not found"),
     ],
 )
@@ -154,7 +154,7 @@ def test_source__what_there_is_not__refused_and_nothing_opened(library, name, ra
 
 
 def test_file__with_a_rate__refused(write_sound):
-    with pytest.raises(BadInput, match="--rate"):
+    with pytest.raises(BadInput, match="`rate_hz`"):
         open_source(write_sound(TONE), 16000)
 
 

@@ -386,7 +386,7 @@ def store_results(
         runs, of_runs = fitted_parts(required_parts(store, group=group))
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
-        raise BadInput(f"runs refer to the curves {', '.join(names)}", "--reference to name the one to extend by")
+        raise BadInput(f"runs refer to the curves {', '.join(names)}", "`reference` to name the one to extend by")
     original, measured = resolve_curve(reference or names[0]), of_runs.require().thresholds
     band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
     across, refused = _across(measured, original, band_hz, leave_out)

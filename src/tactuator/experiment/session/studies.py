@@ -237,7 +237,7 @@ def study_records(connection: Connection, name: str | None, tokens: Tokens, now:
     """
     names = records.study_names(connection)
     if name is None and len(names) != 1:
-        raise BadInput(f"the store has {len(names)} studies", f"--study with one of: {', '.join(names) or 'none'}")
+        raise BadInput(f"the store has {len(names)} studies", f"`study` with one of: {', '.join(names) or 'none'}")
     study = records.study_by_name(connection, names[0] if name is None else name)
     if study is None:
         raise BadInput(f"study {name!r} is not in the store", f"{', '.join(names) or 'none: it is empty'}")

@@ -35,16 +35,16 @@ class StudyPlan:
     error_db: float
 
 
-@table("study")
+@table("")
 class PlannedStudy:
     """A difference of means that a study is to find."""
 
-    effect_db: Annotated[Positive, Field(description="difference to be found")]
-    spread_db: Annotated[Positive, Field(description="standard deviation between people, or (within) occasions")]
-    design: Annotated[Design, Field(description="two groups, or one group under two conditions")] = "between"
-    repeats: Annotated[Whole, Field(ge=1, description="runs of a person under a condition")] = 1
-    alpha: Annotated[Number, Field(gt=0.0, lt=0.5, description="two-sided significance level")] = 0.05
-    power: Annotated[Number, Field(gt=0.05, lt=0.9999, description="probability of finding the effect")] = 0.8
+    effect_db: Annotated[Positive, Field(description="Difference to be found.")]
+    spread_db: Annotated[Positive, Field(description="Standard deviation between people, or (within) occasions.")]
+    design: Annotated[Design, Field(description="Two groups, or one group under two conditions.")] = "between"
+    repeats: Annotated[Whole, Field(ge=1, description="Runs of a person under a condition.")] = 1
+    alpha: Annotated[Number, Field(gt=0.0, lt=0.5, description="Two-sided significance level.")] = 0.05
+    power: Annotated[Number, Field(gt=0.05, lt=0.9999, description="Probability of finding the effect.")] = 0.8
 
     def power_of(self, subjects: int | FloatArray, run_error_db: float) -> FloatArray:
         """Return the power with so many subjects in each group, two or more, by runs with that error."""

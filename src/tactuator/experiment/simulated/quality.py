@@ -30,7 +30,7 @@ NORMAL_PEOPLE = CurveKind("normal people", offset_db=4.0, tilt_db_per_decade=2.5
 """People whose curves are drawn where none is given. Near the procedure's prior, they show it at its best."""
 
 
-@table("simulation")
+@table("")
 class Setting:
     """Settings of a simulation of runs; slopes of the Weibull are drawn between the two for each run."""
 
@@ -352,8 +352,8 @@ def simulate_kind(
     """
     kind = procedure_kind(name)
     if trials is not None and "trials" not in {key.name for key in fields(kind)}:
-        raise BadInput(f"--trials {trials} with {name}", "with a procedure that has a number of trials")
+        raise BadInput(f"`trials` {trials} with {name}", "with a procedure that has a number of trials")
     if people is not None and not kind.chooses_frequency:
-        raise BadInput(f"--truth with {name}", "with curve")
+        raise BadInput(f"`truth` with {name}", "with curve")
     procedure = kind(kind=name) if trials is None else kind(kind=name, trials=trials)  # type: ignore[call-arg]
     return simulate(procedure, setting, people, progress)

@@ -29,7 +29,7 @@ LEAST_DB = -80.0
 """Of full scale: less opens no gate."""
 
 
-@table("level")
+@table("")
 class LevelSettings:
     """How loud is felt what comes.
 

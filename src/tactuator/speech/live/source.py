@@ -114,7 +114,7 @@ class PipeSource:
         wav = head[:4] == b"RIFF" and head[8:] == b"WAVE"
         if not wav and rate_hz is None:
             raise BadInput(
-                "standard input is no WAV", "a WAV, or --rate with raw samples (16 bits, little-endian, mono)"
+                "standard input is no WAV", "a WAV, or `rate_hz` with raw samples (16 bits, little-endian, mono)"
             )
         dtype, channels, rate, left = _wav_head(pipe) if wav else ("<i2", 1, rate_hz, _ENDLESS)
         assert rate is not None
@@ -251,7 +251,7 @@ def _input(name: str) -> Card:
     """Return the microphone of that name, or the first that there is. Raises BadInput."""
     cards = [card for card in list_cards() if card.inputs]
     if not cards:
-        raise BadInput("there is no microphone", "--input FILE, or - for standard input")
+        raise BadInput("there is no microphone", "`input` FILE, or - for standard input")
     if name:
         return find_card(name, cards)
     return next((card for card in cards if "default" in card.name.lower()), cards[0])
@@ -266,10 +266,12 @@ def open_source(name: str | PathLike[str] | None, rate_hz: int | None = None) ->
         return PipeSource(sys.stdin.buffer, rate_hz)
     if name is not None and (Path(name).exists() or Path(name).suffix):
         if rate_hz is not None:
-            raise BadInput(f"--rate with {name}", "--rate with --input - alone: a file has its own, a device has @RATE")
+            raise BadInput(
+                f"`rate_hz` with {name}", "`rate_hz` with `input` - alone: a file has its own, a device has @RATE"
+            )
         return FileSource(name)
     if rate_hz is not None:
-        raise BadInput("--rate with a microphone", f"--input {name or 'DEVICE'}@{rate_hz}")
+        raise BadInput("`rate_hz` with a microphone", f"`input` {name or 'DEVICE'}@{rate_hz}")
     return Microphone(None if name is None else str(name))
 
 
