@@ -410,6 +410,7 @@ def _argument(hint: Any, limits: Sequence[Any] = ()) -> Any:
     if hint in _LEAVES:
         return reduce(lambda kind, limit: Annotated[kind, limit], limits if hint in (int, float) else (), _LEAVES[hint])
     if origin is tuple:
-        return Annotated[tuple, InstanceOf(), Wording(f"a tuple of {len(inner)}")]  # type: ignore[type-arg]
+        length = Field(min_length=len(inner), max_length=len(inner))
+        return Annotated[tuple, InstanceOf(), length, Wording(f"a tuple of {len(inner)}")]  # type: ignore[type-arg]
     kind = origin or hint
     return Annotated[kind, InstanceOf(), Wording(getattr(kind, "in_words", _one(kind)))]  # type: ignore[type-arg]
