@@ -99,6 +99,14 @@ class Wording:
     in_python: str = ""
 
 
+Name = Annotated[
+    str,
+    Field(strict=True, pattern=r"^[^./\\\s\p{Cc}][^/\\\p{Cc}]{0,49}$"),
+    Wording(r"1 to 50 printable characters, none of them / or \, the first no dot or blank"),
+]
+"""A name that becomes a part of a file's name, whose 255 bytes have room for 50 characters of four bytes."""
+
+
 def _ascending(band: tuple[float, float]) -> tuple[float, float]:
     low, high = band
     if not low < high:
