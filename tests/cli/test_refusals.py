@@ -58,7 +58,7 @@ REFUSALS = {
     "sound latency --device Card --input 0": "input 0; expected the input to which the wire leads",
     "design display.toml --figures bode.svg": "bode.svg is the name of a file; expected that of a folder",
     "experiment export --store lab.db --out ex.csv": "ex.csv is the name of a file; expected that of a folder",
-    "experiment waveforms --out one.toml --controller controller.json": "one.toml is the name of a file; expected that of a",
+    "experiment waveforms --out one.toml --controller controller.json": "one.toml is the name of a file; expected",
     "init --examples one.zip": "one.zip is the name of a file; expected that of a folder",
     "render . --out made.wav --controller controller.json": "made.wav is the name of a file; expected that of a folder",
     "experiment simulate --slope steep": "slope 'steep'; expected a number, or LOW:HIGH",
