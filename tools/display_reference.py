@@ -16,6 +16,7 @@ SHORT = {
     "each a number": "of numbers",
     "each a text": "of strings",
     "a text": "string",
+    r"1 to 50 printable characters, none of them / or \, the first no dot or blank": "string",
     "a whole number": "whole",
     "above 0": "> 0",
     "0 or more": "≥ 0",

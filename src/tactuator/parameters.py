@@ -99,6 +99,14 @@ class Wording:
     in_python: str = ""
 
 
+Name = Annotated[
+    str,
+    Field(strict=True, pattern=r"^[^./\\\s\p{Cc}][^/\\\p{Cc}]{0,49}$"),
+    Wording(r"1 to 50 printable characters, none of them / or \, the first no dot or blank"),
+]
+"""A name that becomes a part of a file's name, whose 255 bytes have room for 50 characters of four bytes."""
+
+
 def _ascending(band: tuple[float, float]) -> tuple[float, float]:
     low, high = band
     if not low < high:
@@ -416,6 +424,7 @@ def _argument(hint: Any, limits: Sequence[Any] = ()) -> Any:
     if hint in _LEAVES:
         return reduce(lambda kind, limit: Annotated[kind, limit], limits if hint in (int, float) else (), _LEAVES[hint])
     if origin is tuple:
-        return Annotated[tuple, InstanceOf(), Wording(f"a tuple of {len(inner)}")]  # type: ignore[type-arg]
+        length = Field(min_length=len(inner), max_length=len(inner))
+        return Annotated[tuple, InstanceOf(), length, Wording(f"a tuple of {len(inner)}")]  # type: ignore[type-arg]
     kind = origin or hint
     return Annotated[kind, InstanceOf(), Wording(getattr(kind, "in_words", _one(kind)))]  # type: ignore[type-arg]

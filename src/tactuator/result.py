@@ -263,9 +263,11 @@ class Result:
     def summary_lines(self, below: Sequence[str] = (), width: int = 80, more: str = "to_dict()") -> list[str]:
         """Return at most ten lines: what was found, and what is `below` it; more: where the rest is."""
         last = _wrapped(below, width)
-        lines = _wrapped([f"{words}: {text}" for words, text in self.headline().items()], width)
-        room = _LINES - len(last)
-        return [*(lines if len(lines) <= room else [*lines[: room - 1], f"more: {more}"]), *last]
+        findings = [f"{words}: {text}" for words, text in self.headline().items()]
+        lines, room = _wrapped(findings, width), _LINES - len(last)
+        if len(lines) > room:
+            lines = [*_fitting(findings, width, room - 1), f"more: {more}"]
+        return [*lines, *last]
 
     def __repr__(self) -> str:
         return in_a_line(_name(self), self.headline())
@@ -296,6 +298,19 @@ def _wrapped(texts: Sequence[str], width: int) -> list[str]:
             visible(text), width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )
     ]
+
+
+def _fitting(texts: Sequence[str], width: int, room: int) -> list[str]:
+    """Return the first texts that have room, as lines; the last of them may end at one of its semicolons."""
+    kept: list[str] = []
+    for text in texts:
+        items = text.split("; ")
+        begun = ("; ".join(items[:count]) for count in range(len(items), 0, -1))
+        fits = next((part for part in begun if len(_wrapped([*kept, part], width)) <= room), None)
+        kept += [] if fits is None else [fits]
+        if kept and fits != text:
+            break
+    return _wrapped(kept, width)
 
 
 def _name(result: Result) -> str:

@@ -138,6 +138,9 @@ def test_names__at_most_42__all_there_as_the_types_and_help_say_and_light_to_imp
             "calibrate_sensor((['a'] * 4, [1.0, 2.0, 3.0, 4.0]))",
             "pairs is ['a', 'a', 'a', 'a']; it must be real numbers",
         ),
+        ("identify([])", "no record; expected one or more"),
+        ("identify(())", "no record; expected one or more"),
+        ("calibrate_sensor(())", "calibrate_sensor: pairs is a tuple; it must be the path of a file or a tuple of 2"),
         ("read_controller(None)", "read_controller: path is None; it must be the path of a file"),
     ],
 )

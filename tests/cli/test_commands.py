@@ -233,12 +233,33 @@ def test_long_work__where_no_terminal_is__writes_a_line_now_and_then(capsys, mon
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_summary__of_many_channels__has_ten_lines_no_wider_than_the_terminal(width: int, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    answer(Long(), False, False, ["controller.json"])
+    result = Long()
+    answer(result, False, False, ["controller.json"])
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 10
+    assert len(lines) <= 10
     assert max(map(len, lines)) <= width
     assert lines[-3:] == ["more: --full", "next: tactuator build", "written: controller.json"]
-    assert str(Long()).splitlines()[-1] == "more: to_dict()"  # in Python
+    assert str(result).splitlines()[-1] == "more: to_dict()"  # in Python
+    whole = [" ".join(f"{fact.words}: {fact.text}".split()) for fact in result.facts()]
+    shown = " ".join(" ".join(lines[:-3]).split())
+    assert shown in {" ".join(whole[:count]) for count in range(1, 24)}
+
+
+@pytest.mark.parametrize(
+    ("texts", "kept"),
+    [
+        (["a", "b " * 500, "c"], ["0: a"]),
+        (["b " * 500, "c"], ["1: c"]),
+        (["a", "why; " + "b " * 500 + "; c"], ["0: a", "1: why"]),
+    ],
+    ids=["a finding too long", "the first too long", "at a semicolon"],
+)
+def test_summary__too_long__ends_between_findings_or_at_a_semicolon(texts: list[str], kept: list[str]) -> None:
+    class Given(Result):
+        def facts(self) -> Sequence[Fact]:
+            return [found(f"{number}", text) for number, text in enumerate(texts)]
+
+    assert Given().summary_lines([], 80, "--full") == [*kept, "more: --full"]
 
 
 def test_plain__dataclass_and_complex__become_objects_and_pairs():

@@ -13,6 +13,7 @@ import tactuator
 from tactuator.cli.main import main
 from tactuator.errors import BadInput
 from tactuator.identification.alignment import read_at
+from tactuator.identification.check import check_direction, check_rise, empirical_response
 from tactuator.identification.identify import identify
 from tactuator.identification.result import Identification
 from tactuator.identification.trust import CLIPPED, KNOCK
@@ -196,9 +197,14 @@ def test_identify__position_of_a_slower_logger_filled_up__is_refused() -> None:
         identify(replace(GOOD, position=position), hold="band-limited", order=2, zeros=0)
 
 
-def test_read_at__codes_of_a_converter_rounded_in_a_file__are_all_of_them_read() -> None:
-    bench = np.genfromtxt(Path(tactuator.__file__).parent / "io" / "examples" / "bench.csv", delimiter=",", names=True)
-    assert read_at(Record(2000.0, bench["drive"], bench["encoder"])) == slice(0, None, 1)
+@pytest.fixture(scope="module")
+def bench() -> Record:
+    table = np.genfromtxt(Path(tactuator.__file__).parent / "io" / "examples" / "bench.csv", delimiter=",", names=True)
+    return Record(2000.0, table["drive"], table["encoder"])
+
+
+def test_read_at__codes_of_a_converter_rounded_in_a_file__are_all_of_them_read(bench: Record) -> None:
+    assert read_at(bench) == slice(0, None, 1)
 
 
 def test_identify__columns_swapped__is_said_before_the_fit_and_not_trusted() -> None:
@@ -207,6 +213,28 @@ def test_identify__columns_swapped__is_said_before_the_fit_and_not_trusted() -> 
     found = identify(swapped, hold="band-limited", order=2, note=said.append, warn=said.append)
     assert "look swapped" in said[0]
     assert any("look swapped" in reason for reason in found.distrust)
+
+
+def test_columns__of_cuts_of_any_length__look_swapped_only_where_they_are(bench: Record) -> None:
+    for count in (100, 121, 150, 200, 300, 500, 1000, 2000, 4000, 16000):
+        for first in range(0, 16001 - count, max(count, 500)):
+            u, y = (each[first : first + count] for each in (bench.command, bench.position))
+            right, wrong = (
+                empirical_response(one - one.mean(), two - two.mean(), 2000.0) for one, two in ((u, y), (y, u))
+            )
+            assert check_direction(right) == check_rise(right) == ()
+            assert check_direction(wrong) or count < 1000
+
+
+def test_identify__record_too_short_to_tell__names_its_length_and_no_slip(bench: Record) -> None:
+    short = Record(2000.0, bench.command[:121], bench.position[:121])
+    found, swapped = (
+        identify(each) for each in (short, replace(short, command=short.position, position=short.command))
+    )
+    for reasons in (found.distrust, swapped.distrust):
+        assert "in a record of 0.0605 s: " in reasons[0]
+        assert not any("swapped" in reason for reason in reasons)
+    assert not any("swapped" in row.where for row in (*found.model.trust, *swapped.model.trust) if row.beyond)
 
 
 def test_read_foreign_response__columns_of_others__are_read_or_refused(tmp_path: Path) -> None:

@@ -223,6 +223,11 @@ RESPONSES = [
         "thousandths", "f (Hz),gain,phase [mdeg]\n" + rows(HERTZ, SIZE, 1e3 * DEG), words="`phase` 'phase .mdeg.=deg'"
     ),
     Layout("two things in brackets", "f (Hz),gain (dB),phase (Degrees, wrapped)\n" + rows(HERTZ, DB, DEG)),
+    Layout(
+        "another unit than the name ends in",
+        "f (Hz),gain (dB),arg_rad\n" + rows(HERTZ, DB, DEG),
+        columns={"magnitude": "gain (dB)", "phase": "arg_rad=deg"},
+    ),
     Layout("nepers", "f (Hz),gain [Np],phase [deg]\n" + rows(HERTZ, np.log(SIZE), DEG), said="'gain [Np]' in Np"),
     Layout("linear, of a capital", "f (Hz),Gain,phase [deg]\n" + rows(HERTZ, SIZE, DEG), said="'Gain' in linear units"),
     Layout(
@@ -340,6 +345,24 @@ RECORDS = [
         "clock (V),u,y\n" + PLAIN,
         columns={"time": "clock (V)"},
         words="'clock .V.', named as time, is in V",
+    ),
+    Layout(
+        "another unit than the name is",
+        "clock,amp,stage\n" + PLAIN,
+        columns={"time": "clock=s", "input": "amp=V", "output": "stage=mm"},
+        said="'amp' is read in V, as stated, not in A",
+    ),
+    Layout(
+        "another unit than in brackets",
+        "time,amp [m],stage\n" + PLAIN,
+        columns={"input": "stage=V", "output": "amp [m]=mm"},
+        words="'amp .m.' is in m by its name and in mm otherwise",
+    ),
+    Layout(
+        "another quantity than the name",
+        "time,u,position\n" + PLAIN,
+        columns={"output": "position=mm/s"},
+        quantity="velocity",
     ),
     Layout("four columns", "a,b,c,d\n" + rows(TIME, COMMAND, POSITION, COMMAND), words="which column is which"),
     Layout("names for fewer", "time,u\n" + PLAIN, words="2 names over 3 columns"),

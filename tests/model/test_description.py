@@ -76,6 +76,12 @@ def test_channel__threshold_and_converter__by_hand() -> None:
         (lambda: replace(INDEX, travel_mm=0.0), "travel_mm is 0"),
         (lambda: replace(INDEX, quantity="jerk"), "quantity is 'jerk'; it must be \"displacement"),
         (lambda: replace(INDEX, loads=(FINGER, FINGER)), "same name"),
+        *(
+            (lambda key=key, name=name: replace(INDEX, **{key: name}), rf"channel\]\]: {key} is .*; it must be 1 to 50")
+            for key in ("name", "finger")
+            for name in ("", " ", "left/index", "left\\index", "a\x00b", "a\nb", "a\n", "..", ".hidden", "a" * 51)
+        ),
+        (lambda: Load("left/finger"), "load: name is 'left/finger'; it must be 1 to 50 printable characters"),
         (lambda: INDEX.load("toe"), "no load 'toe'; expected finger"),
         (lambda: Load("finger", 0.0, -1.0, 0.0), "damping is -1"),
         (lambda: Threshold(curve("morioka-griffin-2006"), (0.4, 300.0)), "8 to 315 Hz; expected one that covers"),

@@ -153,6 +153,13 @@ def test_play_and_drive__what_is_none__is_told_and_the_output_rests(rig: Rig) ->
             rig.drive(rows)
 
 
+def test_stream__of_what_has_no_blocks__is_refused_at_the_call(rig: Rig) -> None:
+    allowed = r"it must be a list or a generator of references, \(n, 3\) each"
+    for blocks in (None, 3, "tones", np.array(2)):
+        with pytest.raises(BadInput, match=f"^blocks is .*; {allowed}"):
+            rig.stream(blocks)
+
+
 def test_load__controller_of_other_channels_or_rate__is_refused(rig: Rig) -> None:
     of = paper_display.display(paper_display.channel())
     with pytest.raises(BadInput, match="controller is for channels index; expected index, thumb, middle"):

@@ -680,7 +680,7 @@ class ExportedResult(Result):
 
 def export(
     store: StoreFile,
-    out: Annotated[Place, Option("File or folder to write.", writes="folder")],
+    out: Annotated[Place, Option("Folder to write.", writes="folder")],
     form: Annotated[str, Option("Format: tidy, psych-ds or bids.", ("--format",))] = "tidy",
     voided: Voided = False,
 ) -> ExportedResult:

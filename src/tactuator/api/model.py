@@ -299,7 +299,9 @@ def identify(
     names: dict[str, Any] = {"input": input, "output": output, "reference": reference, "time": time}
     names["rate_hz"] = rate_hz
     columns = ResponseColumns(frequency, magnitude, phase, real, imaginary, tuple(ignore))
-    source, *more = paths(records)
+    if not (sources := paths(records)):
+        raise BadInput("no record", "one or more")
+    source, *more = sources
     span = {"from_s": from_s, "to_s": to_s}
     first = source if isinstance(source, FrequencyResponse) else _read(source, columns, names | span)
     fit: Identification | ResponseFit

@@ -13,7 +13,7 @@ from tactuator.api.option import AS_IN_PYTHON, Argument, Option, option_in
 from tactuator.api.progress import watched
 from tactuator.cli.output import Bars, answer
 from tactuator.errors import BadInput, Interrupted, TactuatorError, reason_of
-from tactuator.io.atomic import check_parent
+from tactuator.io.atomic import check_folder, check_parent
 from tactuator.io.kinds import KINDS, require_kind, require_replaceable
 from tactuator.io.text import parse_toml, read_text
 
@@ -47,9 +47,11 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
                 _look_for(name, given[name])
         _keep_what_is_there(known, given)
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
-        for place in places:
-            if place.suffix:  # folders are made with those above them
-                check_parent(place)
+        for name, option in known.items():
+            if option.writes == "folder" and given[name] is not None:
+                check_folder(given[name])
+            elif option.writes and given[name] is not None and given[name].suffix:  # others may be folders, too
+                check_parent(given[name])
         before = {place: _changed_ns(place) for place in places}
         try:
             with watched(Bars()):

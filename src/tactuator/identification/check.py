@@ -24,6 +24,8 @@ FEWEST = 100
 """Samples below which nothing is identified."""
 _LEVELS, _FEW_LEVELS = 10_000, 50
 """Parts of its span in which a signal's levels are counted, and the count below which it is meant to have few."""
+_FEW_BANDS = 6
+"""Coherent bands below which a slope and a lag are not judged."""
 
 
 def check_record(record: Record, where: str = "") -> tuple[QualityCheck, ...]:
@@ -66,23 +68,23 @@ def clipped_share(values: FloatArray) -> float:
 
 def check_direction(response: EmpiricalResponse) -> tuple[Doubt, ...]:
     """Check whether the position follows the command: a mechanism falls with frequency, and lags."""
-    trusted = response.trusted(0.5)
-    # coherent bands below which a slope and a lag are not judged
-    if trusted.frequency_hz.size < 6:
+    coherent = response.surely()
+    if coherent.frequency_hz.size < _FEW_BANDS:
         return ()
-    log_f = np.log(trusted.frequency_hz)
+    log_f = np.log(coherent.frequency_hz)
     upper = log_f >= np.median(log_f)
-    slope = np.polyfit(log_f[upper], np.log(np.abs(trusted.value[upper])), 1)[0]
-    phase = np.unwrap(np.angle(trusted.value))
+    slope = np.polyfit(log_f[upper], np.log(np.abs(coherent.value[upper])), 1)[0]
+    phase = np.unwrap(np.angle(coherent.value))
     rises = slope > 1.0 and phase[-1] > phase[0] - 0.2
     return tuple(EXPECTED["lead"].doubts(float(np.mean(phase[upper])))) if rises else ()
 
 
 def check_rise(response: EmpiricalResponse) -> tuple[Doubt, ...]:
     """Check whether the phase rises over the band, as that of a mechanism's inverse does."""
-    trusted = response.trusted(0.5)
-    phase = np.unwrap(np.angle(trusted.value))
-    few = max(1, phase.size // 4)
+    phase = np.unwrap(np.angle(response.surely().value))
+    few = phase.size // 4
+    if phase.size < _FEW_BANDS:
+        return ()
     return tuple(EXPECTED["rise"].doubts(float(np.median(phase[-few:]) - np.median(phase[:few]))))
 
 
@@ -138,14 +140,25 @@ class EmpiricalResponse:
 
     @property
     def clearest(self) -> float:
-        """Return the coherence of the most coherent band, four standard errors lower (Fisher's transform)."""
+        """Return the coherence that the most coherent band surely has."""
+        return float(np.max(self._least_coherence, initial=0.0))
+
+    @property
+    def _least_coherence(self) -> FloatArray:
+        """Return the coherence of each band, four standard errors lower (Fisher's transform)."""
         sure = np.arctanh(np.sqrt(self.coherence)) - 4.0 / np.sqrt(2.0 * self.lines)
-        return float(np.tanh(np.max(sure, initial=0.0)) ** 2)
+        return np.asarray(np.tanh(np.maximum(sure, 0.0)) ** 2)
+
+    def surely(self) -> EmpiricalResponse:
+        """Return the bands that are surely coherent: there may be none."""
+        return self._bands(self._least_coherence >= COHERENT.limit)
 
     def trusted(self, coherence: float = 0.3, fewest: int = 8) -> EmpiricalResponse:
         """Return the bands of at least that coherence, or the `fewest` most coherent ones."""
         bound = min(coherence, float(np.sort(self.coherence)[-min(fewest, self.coherence.size)]))
-        keep = self.coherence >= bound
+        return self._bands(self.coherence >= bound)
+
+    def _bands(self, keep: NDArray[np.bool_]) -> EmpiricalResponse:
         return EmpiricalResponse(*(getattr(self, item.name)[keep] for item in fields(self)))
 
 
@@ -392,9 +405,18 @@ def check(parts: Sequence[Record], options: IdentifyOptions, remarks: Sequence[s
         response=response,
         excitation=reports[liveliest],
         options=options,
-        checks=(*checks, COHERENT.of(response.clearest), *(doubt.quality_check() for doubt in cannot_be)),
+        checks=(
+            *checks,
+            COHERENT.of(response.clearest, remedy=lasting(parts)),
+            *(doubt.quality_check() for doubt in cannot_be),
+        ),
         remarks=tuple(remarks),
     )
+
+
+def lasting(records: Sequence[Record]) -> str:
+    """Return in words how long the longest of the records is."""
+    return f"in a record of {max(record.duration_s for record in records):.3g} s"
 
 
 def _require_alike(records: Sequence[Record]) -> None:

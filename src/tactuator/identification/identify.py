@@ -47,8 +47,6 @@ def identify(
     record that does not show a model.
     """
     records = [record] if isinstance(record, Record) else list(record)
-    if not records:
-        raise BadInput("no record", "one or more")
     options = IdentifyOptions(**given).of(records[0].about)
     if options.method != "refined" and len(records) > 1:
         raise BadInput(f"{len(records)} records with the method {options.method!r}", "several with 'refined' alone")

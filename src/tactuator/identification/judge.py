@@ -15,6 +15,7 @@ from tactuator.identification.check import (
     check_length,
     check_polarity,
     check_rise,
+    lasting,
     moved_range,
     valid_range,
 )
@@ -89,8 +90,7 @@ def identification(
     if bent[0] > 0.0 or (friction is not None and friction.confidence > _VAGUE * friction.coulomb):
         estimate = _hold_beside_bending(estimate)
     between = BetweenSamples(chosen.hold, source, source != "data" or estimate.certain, estimate.advantage)
-    rows = [*check_polarity(model.num, model.den)]
-    rows += check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)
+    rows = [*check_length(chosen.fit.poles_rad_s, _slow_pole_error(chosen), common.longest_s)]
     if source == "data":
         rows.append(trust.HOLD.of(estimate.advantage / estimate.enough, f"taken as {between.hold}"))
     if estimate.other is not None and not between.certain:
@@ -350,17 +350,19 @@ def judge(result: Identification, common: Prepared) -> Identification:
     unknown = [pole for pole in poles if not np.any(np.abs(known - pole) < 1e-6 * size)]
     fastest = float(np.max(np.abs(unknown), initial=0.0)) / (2.0 * np.pi)
     slowest = 1.0 / common.longest_s
-    lasting = sum(abs(pole.real) < slowest and pole.imag > _SHOWN * slowest for pole in unknown)
+    ringing = sum(abs(pole.real) < slowest and pole.imag > _SHOWN * slowest for pole in unknown)
     rest = 1.0 - result.fit_percent / 100.0
     seen_loop = result.tests.feedback is True
     follows = result.tests.uncorrelated_p < CHANCE
+    ranges = _ranges(model, common)
     rows = [
+        *ranges,
+        *(() if any(row.refuses for row in ranges) else check_polarity(model.num, model.den)),
         # a loop that is known works against what disturbs: of what it leaves no command explains much
         *([] if common.in_loop else [trust.EXPLAINED.of(100.0 * (1.0 - rest**2), remedy=_STATE_LOOP * seen_loop)]),
         trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
-        trust.LASTING.of(float(lasting)),
+        trust.LASTING.of(float(ringing)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
-        *_ranges(model, common),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
     ]
     friction = result.friction
@@ -390,7 +392,9 @@ def _ranges(model: PlantModel, common: Prepared) -> list[QualityCheck]:
     inside = max(np.log(min(high, excited[1]) / max(low, excited[0])), 0.0)
     frequency = np.geomspace(low, high, 100)
     return [
-        trust.VALID.of(100.0 * float(inside / max(np.log(excited[1] / excited[0]), 1e-9))),
+        trust.VALID.of(
+            100.0 * float(inside / max(np.log(excited[1] / excited[0]), 1e-9)), remedy=lasting(common.records)
+        ),
         trust.BAND_DB.of(float(np.max(model.band_db(frequency)))),
         trust.BAND_DEG.of(float(np.degrees(np.max(model.band_rad(frequency))))),
     ]

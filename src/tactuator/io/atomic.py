@@ -56,6 +56,7 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
     Raises BadInput where it cannot be made, or where `path` holds anything but `own_names`: what is not ours is never
     replaced. Enter it before long work begins, so that a refusal comes first.
     """
+    check_folder(Path(path))
     target = Path(path).resolve()
     _check_own(target, own_names)
     parents = _made_parents(target)
@@ -76,6 +77,18 @@ def atomic_folder(path: str | os.PathLike[str], own_names: frozenset[str]) -> It
         if isinstance(error, OSError):
             raise BadInput(f"{target} cannot be written: {error.strerror}", "another place") from None
         raise
+
+
+_OF_FILES = (
+    *(".csv", ".tsv", ".txt", ".json", ".toml", ".md", ".html", ".h5", ".hdf5", ".mat", ".db", ".bin", ".wav", ".flac"),
+    *(".svg", ".png", ".pdf", ".xlsx", ".zip"),
+)
+
+
+def check_folder(target: Path) -> None:
+    """Refuse a folder that is yet to be made under the name of a file."""
+    if target.suffix.lower() in _OF_FILES and not target.exists():
+        raise BadInput(f"{target} is the name of a file", "that of a folder")
 
 
 def _check_own(target: Path, own_names: frozenset[str]) -> None:

@@ -96,7 +96,8 @@ def unit_of(text: str) -> Unit | None:
 @dataclass(frozen=True)
 class ColumnName:
     """The name of a column. text: as the file has it; base: without its unit; is_stated: another place has its unit;
-    unknown: what its brackets have where that is no unit.
+    guessed: the unit that its ending may be, where another is stated; is_bracketed: the unit is in brackets; unknown:
+    what its brackets have where that is no unit.
     """
 
     text: str
@@ -104,6 +105,8 @@ class ColumnName:
     unit: Unit = NO_UNIT
     is_stated: bool = False
     unknown: str = ""
+    is_bracketed: bool = False
+    guessed: str = ""
 
     @property
     def words(self) -> frozenset[str]:
@@ -122,23 +125,25 @@ class ColumnName:
 
     @property
     def quantity(self) -> str:
-        """Return the quantity by name and unit, "" where neither says it. Raises BadInput where they contradict."""
+        """Return the quantity by name and unit, "" where neither says it. Raises BadInput where they contradict and the
+        unit is not stated.
+        """
         spoken = (kind for kind, starts in _WORDS.items() if any(re.match(starts, word) for word in self.words))
         by_word = next(spoken, "")
         kind = self.unit.kind if self.unit.kind in QUANTITIES else ""
         if self.unit.text in ("g", "mg") and by_word != kind and not self.is_stated:
             allowed = f"acceleration in its name, or for acceleration {self.text + '=' + self.unit.text!r}"
             raise BadInput(f"{self.text!r} may be in grams or in {self.unit.text} of acceleration", allowed)
-        if kind and by_word and kind != by_word:
+        if kind and by_word and kind != by_word and not self.is_stated:
             raise BadInput(f"{self.text!r} is a {by_word} by its name and a {kind} by its unit", "one of them")
         return kind or (by_word if by_word in QUANTITIES else "")
 
 
 def column_name(text: str, stated: str = "") -> ColumnName:
-    """Return what a name says. stated: its unit, where the file has it elsewhere.
+    """Return what a name says. stated: its unit, by the user or elsewhere in the file.
 
-    A unit may be in any brackets, behind `_`, `/`, a comma or a blank, or a whole name. Raises BadInput for a unit in
-    the name that is of another kind than the one stated.
+    A unit may be in any brackets, behind `_`, `/`, a comma or a blank, or a whole name. One that is not in brackets may
+    be a part of the name, and a stated one wins. Raises BadInput for one in brackets that is not the one stated.
     """
     unit = unit_of(stated) if stated else None
     try:
@@ -151,12 +156,11 @@ def column_name(text: str, stated: str = "") -> ColumnName:
         named = replace(named, unit=_UNITS["Nm"])  # no nanometres
     if unit is None:
         return named
-    # a name may end in one letter that is no unit
-    is_other = named.unit.kind != unit.kind or (named.unit.factor != unit.factor and len(named.unit.text) > 1)
-    if named.unit.kind and is_other:
+    is_other = named.unit.kind != "" and (named.unit.kind, named.unit.factor) != (unit.kind, unit.factor)
+    if named.is_bracketed and is_other:
         got = f"{text!r} is in {named.unit.text} by its name and in {unit.text} otherwise"
         raise BadInput(got, "one unit, or another name in the file")
-    return replace(named, unit=unit, is_stated=True)
+    return replace(named, unit=unit, is_stated=True, guessed=named.unit.text if is_other else "")
 
 
 def _split(text: str) -> ColumnName:
@@ -167,7 +171,7 @@ def _split(text: str) -> ColumnName:
     for start in (outer.start(), inner):
         within = plain[start + 1 : -1]
         if plain[start] in "[({" and (unit := unit_of(within) or unit_of(within.partition(",")[0])):
-            return ColumnName(text, plain[:start], unit)
+            return ColumnName(text, plain[:start], unit, is_bracketed=True)
     if plain[inner] not in "[({":
         return _unbracketed(text, plain)
     # a unit within the brackets may be a part of another one: 10 ms, log Hz; f(x) has none there

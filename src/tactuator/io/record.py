@@ -164,7 +164,11 @@ def _reported(command: ColumnName, position: ColumnName, command_unit: str, *, n
         yield f"{command.text!r} is read as the command, {position.text!r} as the position (`input`, `output`)"
     if command_unit and command.unit.kind != "voltage":
         yield f"the command {command.text!r} is read in {command_unit}, where a display commands volts"
-    yield from (f"{name.text!r} has no unit that is known" for name in (command, position) if name.is_unknown)
+    for name in (command, position):
+        if name.is_unknown:
+            yield f"{name.text!r} has no unit that is known"
+        if name.guessed:
+            yield f"{name.text!r} is read in {name.unit.text}, as stated, not in {name.guessed}"
 
 
 @dataclass(frozen=True, eq=False)

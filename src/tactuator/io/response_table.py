@@ -95,7 +95,7 @@ def role_of(column: ColumnName) -> str:
 
 def asked_column(columns: Columns, asked: str, what: str) -> ColumnName:
     """Return the column that an option names, as NAME or NAME=UNIT. Raises BadInput for one that there is not, and for
-    a unit that is unknown or contradicts that of the column.
+    a unit that is unknown or not the one in brackets in its name.
     """
     if asked in columns.values:
         return column_name(asked, columns.units.get(asked, ""))

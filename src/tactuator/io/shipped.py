@@ -12,7 +12,7 @@ from typing import Any
 import scipy
 
 from tactuator.errors import BadInput, unknown
-from tactuator.io.atomic import write_files
+from tactuator.io.atomic import check_folder, write_files
 from tactuator.io.reference import ReferenceHead, curves_of, open_reference, write_reference
 from tactuator.model.description import TABLES, Display, keys_of
 from tactuator.model.plant_model import PlantModel
@@ -181,6 +181,7 @@ def copy_examples(folder: Path) -> tuple[Path, ...]:
     A file that is there already with the same content stays. Raises BadInput, with nothing written, for one with
     another content, and for a folder that cannot be written.
     """
+    check_folder(folder)
     contents = {folder / name: (EXAMPLES / name).read_bytes() for name in example_names()}
     write_files(contents)
     return tuple(contents)

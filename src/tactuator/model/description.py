@@ -32,6 +32,7 @@ from tactuator.parameters import (
     Decibels,
     Flag,
     Hertz,
+    Name,
     NotNegative,
     Number,
     Positive,
@@ -307,7 +308,7 @@ class Channel:
     'index'
     """
 
-    name: Annotated[str, Field(description="unique name")]
+    name: Annotated[Name, Field(description="unique name")]
     sensor_gain_v_per_mm: Annotated[
         Positive,
         Field(
@@ -329,7 +330,7 @@ class Channel:
             "columns `{ file, frequency, magnitude, ... }` names as `identify` does"
         ),
     ]
-    finger: Annotated[str, Wording(default="the name"), Field(description="whose finger")] = ""
+    finger: Annotated[Name, Wording(default="the name"), Field(description="whose finger")] = ""
     threshold: Threshold = field(default_factory=Threshold)
     quantity: Annotated[
         Quantity,

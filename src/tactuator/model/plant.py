@@ -15,6 +15,7 @@ from tactuator.parameters import (
     LARGEST,
     SMALLEST,
     Coefficient,
+    Name,
     NotNegative,
     Number,
     Positive,
@@ -127,7 +128,7 @@ class Load:
     40.0
     """
 
-    name: str
+    name: Name
     mass: NotNegative = 0.0
     damping: NotNegative = 0.0
     stiffness: NotNegative = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -250,9 +251,12 @@ def psychometric_figure(subject: str, runs: Sequence[PsychometricTrials]) -> Rep
         )
     ]
     table = table_of(("run", "finger", "frequency_hz", "level_db_sl", "share_correct", "trials"), rows_of_table)
-    return ReportFigure(
-        f"psychometric-{subject}", f"Psychometric functions, {subject}", caption, drawing, table, simulated
-    )
+    name = f"psychometric-{re.sub(_NOT_IN_FILES, '_', subject)}".encode()[:_LONGEST_NAME].decode(errors="ignore")
+    return ReportFigure(name, f"Psychometric functions, {subject}", caption, drawing, table, simulated)
+
+
+_NOT_IN_FILES, _LONGEST_NAME = r"[/\\\x00-\x1f\x7f]", 200
+"""Characters of a study's name that no file's name has, and bytes that leave room for its ending."""
 
 
 _ANSWERS = "answers (larger: more trials)"

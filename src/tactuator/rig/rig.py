@@ -7,6 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -195,6 +196,19 @@ def join_traces(traces: Iterable[Trace], rate_hz: float, channels: tuple[str, ..
     return Trace(rate_hz, channels, *(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
 
 
+def _taking_blocks(stream: Callable[..., Iterator[Trace]]) -> Callable[..., Iterator[Trace]]:
+    """Return a `stream` that refuses what has no blocks when it is called, not when its first trace is asked for."""
+
+    @wraps(stream)
+    def taking(self: Plays, blocks: Iterable[ArrayLike]) -> Iterator[Trace]:
+        if isinstance(blocks, str) or not np.iterable(blocks):
+            allowed = f"a list or a generator of references, (n, {len(self.channels)}) each"
+            raise BadInput(f"{blocks!r:.60}", allowed, key="blocks")
+        return stream(self, blocks)
+
+    return taking
+
+
 class Plays(ABC):
     """What plays a reference through a controller, or a command, on channels at a rate.
 
@@ -208,6 +222,11 @@ class Plays(ABC):
     rate_hz: float
     channels: tuple[str, ...]
     without_sensor: tuple[str, ...] = ()
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "stream" in vars(cls):
+            setattr(cls, "stream", _taking_blocks(cls.stream))  # noqa: B010  (mypy takes no assignment to a method)
 
     @abstractmethod
     def load(self, controller: Controller) -> None:

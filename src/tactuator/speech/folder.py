@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from tactuator.errors import BadInput, DeviceFault
+from tactuator.io.atomic import check_folder
 from tactuator.io.controller import parse_controller
 from tactuator.io.reference import content_sha256
 from tactuator.io.text import read_finite_json
@@ -154,6 +155,7 @@ def render_folder(
     Raises BadInput where `folder` holds nothing or `out` cannot be written, DeviceFault where a worker or the scheduler
     ends: begun again, it keeps what is done.
     """
+    check_folder(out)
     items, left_out = find_items(folder, out)
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -36,6 +36,7 @@ from tactuator.perception import curve as library
 from tactuator.perception.curve import RelativeCurve
 from tactuator.plain import finite
 from tactuator.report.felt_figures import psychometric_figure, thresholds_figure
+from tactuator.report.figure import save_figures
 from tests.experiment.session.apparatuses import PROTOCOL, apparatus, controller
 
 LIBRARY = library.curve("bolanowski-1988")
@@ -99,6 +100,14 @@ def test_thresholds__of_one_who_feels_nothing__are_censored_in_the_curve(study):
         assert {each["subject"] for each in document["doubtful"]} >= {"S2"}
         ends = {(each["bound"], each["refit_high_db_sl"]) for each in document["thresholds"] if each["subject"] == "S2"}
         assert ends == {(">=", None)}
+
+
+def test_figure__of_a_subject_of_a_study_of_any_name__is_a_file_in_the_folder(study, tmp_path) -> None:
+    store, _ = study
+    (drawn, *_) = psychometric_trials(detection_runs(store), thresholds(detection_runs(store))).values()
+    names = ("S1-left/right\n", "S1-" + 200 * "\u6307")
+    save_figures([psychometric_figure(name, drawn[:1]) for name in names], tmp_path)
+    assert len([*tmp_path.glob("psychometric-S1-*.svg")]) == 2
 
 
 def test_thresholds__simulated_doubtful_or_censored__are_marked_in_every_figure(study):
