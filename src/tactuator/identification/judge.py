@@ -294,7 +294,9 @@ def _tests(
     uncorrelated_p = min(1.0, len(tests) * min(test.uncorrelated_p for test in tests))
     # outside a loop a plant with such poles would have run away long before the record's end
     is_held = estimate.data.in_loop and fit.growth * lasting_s > _RUN_AWAY and uncorrelated_p > _FREE_OF_COMMAND
-    feedback: bool | None = True in seen or is_held or None
+    # growing poles, and no loop in the response that it was fitted to: what follows the command is a distortion
+    is_seen = True in seen and (estimate.data.in_loop or not fit.growth > 0.0)
+    feedback: bool | None = is_seen or is_held or None
     if distortion is not None and distortion.repeats is not None:
         feedback = not distortion.repeats
     return ResidualTests(
@@ -360,7 +362,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
         *(() if any(row.refuses for row in ranges) else check_polarity(model.num, model.den)),
         # a loop that is known works against what disturbs: of what it leaves no command explains much
         *([] if common.in_loop else [trust.EXPLAINED.of(100.0 * (1.0 - rest**2), remedy=_STATE_LOOP * seen_loop)]),
-        trust.GROWING.of(0.0 if result.tests.feedback is True else growing),
+        trust.GROWING.of(0.0 if result.tests.feedback is True else growing, remedy=_STATE_LOOP),
         trust.LASTING.of(float(ringing)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
