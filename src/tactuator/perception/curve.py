@@ -290,9 +290,8 @@ def threshold_chart(curves: Mapping[str, ThresholdCurve], comfort_db_sl: float) 
     drawn = []
     for number, (label, curve) in enumerate(curves.items()):
         hertz, level, error = curve.frequency_hz, curve.level_db_re_1um, curve.standard_error_db
-        # standard deviations of a normal distribution in half of its central 95 %
-        half = None if error is None else 1.959964 * error
+        named = label if error is None else f"{label}, ± its standard error"
         words = f"comfort, {comfort_db_sl:g} dB above it" if number == 0 else ""
-        drawn.append(ChartLine(label, hertz, level, "o-", half, colour=number))
+        drawn.append(ChartLine(named, hertz, level, "o-", error, colour=number))
         drawn.append(ChartLine(words, hertz, level + comfort_db_sl, "--", colour=number))
     return Chart(FREQUENCY, "level (dB re 1 µm, peak)", drawn, log_x=True)
