@@ -26,13 +26,14 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
+_T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 _UNSEEN = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 """Control characters but for tab and line end, and marks that turn the direction of what is read."""
@@ -179,6 +180,20 @@ def unknown(what: str, name: object, known: Iterable[str], *, where: tuple[str, 
     names = list(known)
     meant = likely(name, names) if isinstance(name, str) else ""
     return BadInput(f"no {what} {name!r}{meant}", "" if meant else ", ".join(names), where=where)
+
+
+def agreed(
+    stated: Mapping[str, _T], alike: Callable[[_T, _T], bool], shown: Callable[[_T], str], allowed: str
+) -> _T | None:
+    """Return the one value of several statements, by who makes them, or None without any. Raises BadInput for two that
+    are not alike, with both.
+    """
+    items = list(stated.items())
+    for name, other in items[1:]:
+        first, value = items[0]
+        if not alike(value, other):
+            raise BadInput(f"{first} says {shown(value)}, {name} says {shown(other)}", allowed)
+    return items[0][1] if items else None
 
 
 def reason_of(error: OSError) -> str:

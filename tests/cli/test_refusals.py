@@ -44,7 +44,7 @@ REFUSALS = {
     "firmware image .": "image .: Is a directory",
     "record display.toml --out r.h5 --excitation song": "excitation 'song'; expected mix, delimited, steps, noise",
     "record display.toml --out r.h5 --duration-s 1e9": "duration 1e+09 s; expected at most a day",
-    "identify record.h5 --rate-hz 100": "the rate given is 100 Hz, the file says 1000 Hz",
+    "identify record.h5 --rate-hz 100": "--rate-hz says 100 Hz, rate_hz says 1000 Hz",
     "measure response --controller controller.json --level 90": "--level is 90 dB SL; it must be -60 to 55 dB SL",
     "measure response --controller controller.json --frequency-hz 301": "301 Hz; expected 0.4 to 300 Hz, the band",
     "measure response --controller controller.json --frequency-hz=-10": "-10 Hz; expected 0.4 to 300 Hz, the band",

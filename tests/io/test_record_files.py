@@ -148,7 +148,7 @@ def _nan(y: np.ndarray) -> np.ndarray:
     [
         ("t,u,y", (TIME, U, np.where(np.arange(2000) % 40 == 1, np.nan, Y)), {}, "y is not a number in row 2 of"),
         ("t,u,y", (TIME, np.where(abs(TIME - 0.2) < 0.003, np.nan, U), Y), {}, "23 in a row"),
-        ("t,u,y", (TIME, U, Y), {"rate_hz": 3000.0}, "time stamps say 4000"),
+        ("t,u,y", (TIME, U, Y), {"rate_hz": 3000.0}, "the time column says 4000"),
         ("t,u,y", (TIME, U, Y), {"rate_hz": -1.0}, "positive"),
         ("t,u,y", (TIME, U, Y), {"input": "force"}, "no input column 'force'; expected t, u, y"),
         ("t,u,y", (TIME, U, Y), {"output": "u"}, "both 'u'"),

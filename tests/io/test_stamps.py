@@ -78,7 +78,7 @@ def test_read_record__times_of_day__are_seconds_also_over_midnight(tmp_path: Pat
         ("time_ms", np.floor(TIME * 1e3), None, r"repeat, 4 rows each; .*`rate_hz`\), 400\d"),
         ("time_ms", np.floor(TIME * 1e3), 5000.0, "at the 5000 Hz given"),
         ("time_ms", np.floor((TIME + (INDEX > 3000) * 0.02) * 1e3), RATE_HZ, "at the 4000 Hz given.*no missing rows"),
-        ("time_s", TIME, 21.0, "time stamps say 4000"),
+        ("time_s", TIME, 21.0, "the time column says 4000"),
         ("time_s", TIME - 0.01 * (INDEX == 3000), None, "time goes back in row 3001"),
     ],
 )

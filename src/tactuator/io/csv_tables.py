@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput, unknown, within
+from tactuator.errors import BadInput, agreed, unknown, within
 from tactuator.io.atomic import write_text
 from tactuator.io.csv_text import csv_text
 from tactuator.io.kinds import require_kind
@@ -31,6 +31,8 @@ from tactuator.perception.curve import (
     level_from_acceleration,
 )
 
+_ALIKE_DB = 0.2
+"""Difference up to which two columns of a curve say the same: what rounding to two digits leaves."""
 _LEVEL, _ACCELERATION, _ERROR = "level_db_re_1um", "acceleration_m_s2_rms", "standard_error_db"
 
 
@@ -43,9 +45,13 @@ class _Sheet:
     rows: Sequence[Sequence[str]]
 
     def cells(self, name: str) -> list[str | None]:
-        """Return a column, None where a row has no such cell."""
-        place = self.names.index(name)
-        return [row[place] if place < len(row) else None for row in self.rows]
+        """Return a column, None where a row has no such cell. Raises BadInput for several that differ."""
+        several = {
+            f"{name} in column {place + 1}": [row[place] if place < len(row) else None for row in self.rows]
+            for place, each in enumerate(self.names)
+            if each == name
+        }
+        return agreed(several, lambda one, other: one == other, lambda cells: f"{cells[0]}, ...", "one column") or []
 
     def numbers(self, name: str, spared: Sequence[bool] = ()) -> FloatArray:
         """Return a column of numbers, (n,). Raises BadInput with the row that has none; the names are row 1.
@@ -122,10 +128,8 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     """
     path = Path(path)
     with _sheet("threshold curve", "curve", path, "frequency_hz", f"{_LEVEL} or {_ACCELERATION}") as sheet:
-        frequency, level = sheet.numbers("frequency_hz"), sheet.optional(_LEVEL)
-        if level is None:
-            acceleration = sheet.numbers(_ACCELERATION)
-            level = level_from_acceleration(frequency, np.where(acceleration > 0.0, acceleration, np.nan))
+        frequency = sheet.numbers("frequency_hz")
+        level = _level(frequency, sheet)
         bound = [cell or "" for cell in sheet.cells("bound")] if "bound" in sheet.names else []
         error = sheet.optional(_ERROR, [bool(cell) for cell in bound])
         if others := set(bound) - {"", ">=", "<="}:
@@ -143,6 +147,25 @@ def read_curve(path: str | Path) -> ThresholdCurve:
     )
     read.require_measured()
     return read
+
+
+def _level(frequency_hz: FloatArray, sheet: _Sheet) -> FloatArray:
+    """Return the level of a curve, (n,), dB re 1 um, in its columns. Raises BadInput where two say it differently."""
+    stated: dict[str, FloatArray] = {}
+    if _LEVEL in sheet.names:
+        stated[_LEVEL] = sheet.numbers(_LEVEL)
+    if _ACCELERATION in sheet.names:
+        cells = [_number(cell or "") or np.nan for cell in sheet.cells(_ACCELERATION)]
+        acceleration = np.array(cells) if stated else sheet.numbers(_ACCELERATION)
+        known = np.where(acceleration > 0.0, acceleration, np.nan)
+        stated[_ACCELERATION] = level_from_acceleration(frequency_hz, known)
+    level = agreed(
+        stated,
+        lambda one, other: bool(np.all(~(np.abs(one - other) > _ALIKE_DB))),
+        lambda levels: f"{', '.join(f'{each:.4g}' for each in levels[:3])}, ... dB re 1 µm",
+        "columns that agree, or one of them",
+    )
+    return np.zeros(0) if level is None else level
 
 
 def _head(remarks: Sequence[str]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
 from tactuator.io.kinds import require_kind
 from tactuator.io.response_table import NO_NAMES, ResponseColumns, are_of_response, asked_column, response_of
-from tactuator.io.stamps import elapsed, even_stamps, read_clock, read_stamps, runs_of
+from tactuator.io.stamps import elapsed, even_stamps, of_bare_rate, one_rate, read_clock, read_stamps, runs_of
 from tactuator.parameters import SMALLEST
 from tactuator.signals.multisine import without_periods
 from tactuator.signals.record import FrequencyResponse, Record
@@ -36,8 +36,6 @@ INPUT_NAMES = ("command_v", "command", "input", "u", "in", "voltage", "uest", "v
 OUTPUT_NAMES = ("position_v", "position", "output", "y", "out", "yest", "qm", "angle", "displacement", "velocity")
 REFERENCE_NAMES = ("reference", "reference_v", "setpoint", "ref")
 TIME_NAMES = ("time_s", "time", "t", "time_ms", "t_ms", "time_us", "t_us", "timestamp", "seconds", "x_value")
-RATE_NAMES = ("rate_hz", "fs", "rate", "samplerate", "sample_rate", "sampling_rate")
-STEP_NAMES = ("ts", "dt", "sample_time", "sampletime")
 
 
 def read_record(
@@ -131,30 +129,66 @@ def _assemble(
         many = f", {r_name} {r.size}" if r is not None else ""
         raise BadInput(f"{u_name} has {u.size} samples, {y_name} {y.size}{many}", "as many of each")
     remarks = [*columns.remarks, *([f"only the first {u.size} samples are read"] if columns.cut else [])]
-    known, stamps = _known_rate(columns, rate_hz), None
-    if clock is not None and columns.values[clock.text].size == u.size:
-        factor = clock.unit.factor if clock.unit.kind == "time" else 0.0
-        stamps, of_clock = read_clock(columns.values[clock.text], factor, known)
-        remarks += of_clock
-    elif known is None:
-        if (known := columns.head_hz) is None:
-            raise BadInput("there is no rate and no time column", "`time` NAME or NAME=UNIT, or `rate_hz`")
-        remarks.append(f"the rate is that of the file's head, {known:g} Hz")
+    stated = _stated_rates(columns, rate_hz, (u_name, y_name))
+    stamps, stated, of_time = _timed(columns, clock, stated, u.size)
+    remarks += of_time
     about = {"file": path.name, "input": u_name, "output": y_name} | dict(columns.attributes)
     units = _unit(columns, u_column), _unit(columns, y_column)
     remarks += _reported(u_column, y_column, units[0], named=input is not None or output is not None)
+    remarks += _of_units(u_column, y_column)
     quantity = y_column.quantity
     if quantity not in ("", "displacement") and "quantity" not in about:
         about["quantity"] = quantity
         remarks.append(f"{y_name!r} is read as {quantity} (`quantity`)")
     read = {u_name, y_name, clock.text if clock else "", "" if r is None else str(r_name)}
+    columns.require_values(read)
     if unread := _unread(columns, read, columns.values[y_name].size):
         remarks.append(f"not read: {', '.join(map(repr, unread))}")
     names = (u_name, y_name) if r is None else (u_name, y_name, str(r_name))
-    table = _Rows(names, (u, y) if r is None else (u, y, r), stamps, known)
+    table = _Rows(names, (u, y) if r is None else (u, y, r), stamps, stated)
     if from_s is not None or to_s is not None:
         table, about = table.between(from_s, to_s), without_periods(about)
-    return _records(table, units, about, remarks)
+    runs = _records(table, units, about, remarks)
+    if rate_hz is None and stamps is not None:
+        _require_head(columns.head_hz, runs[0].rate_hz)
+    return runs
+
+
+def _timed(
+    columns: Columns, clock: ColumnName | None, stated: Mapping[str, float], count: int
+) -> tuple[FloatArray | None, Mapping[str, float], list[str]]:
+    """Return the time stamps of so many rows, seconds, if any; the rates that are stated; what is to be said of both.
+    Raises BadInput without either.
+    """
+    if clock is not None and columns.values[clock.text].size == count:
+        factor = clock.unit.factor if clock.unit.kind == "time" else 0.0
+        stamps, remarks = read_clock(columns.values[clock.text], clock.text, factor, one_rate(stated))
+        return stamps, stated, [*remarks, *_of_units(clock), *_of_bare_rates(stated)]
+    if stated:
+        return None, stated, _of_bare_rates(stated)
+    known = one_rate(columns.head_hz, "rates that agree, or `rate_hz`")
+    if known is None:
+        raise BadInput("there is no rate and no time column", "`time` NAME or NAME=UNIT, or `rate_hz`")
+    remarks = [f"the rate is that of the file's head, {known:g} Hz", *_of_bare_rates(columns.head_hz)]
+    return None, columns.head_hz, remarks
+
+
+def _of_bare_rates(stated: Mapping[str, float]) -> list[str]:
+    """Return what is to be said of a rate that is stated without any unit."""
+    units = {name: column_name(name.strip("`")).unit.kind for name in stated}
+    return [] if not stated or any(units.values()) else of_bare_rate(*next(iter(stated.items())))
+
+
+def _require_head(head: Mapping[str, float], rate_hz: float) -> None:
+    """Raise BadInput where a file's head states rates, and none of them is that of the time stamps."""
+    refusals = []
+    for name, hertz in head.items():
+        try:
+            one_rate({name: hertz, "the time column": rate_hz})
+        except BadInput as error:
+            refusals.append(error)
+    if refusals and len(refusals) == len(head):
+        raise BadInput(refusals[0].got, "rates that agree; `time` NAME=UNIT, or `rate_hz`")
 
 
 def _reported(command: ColumnName, position: ColumnName, command_unit: str, *, named: bool) -> Iterator[str]:
@@ -164,7 +198,11 @@ def _reported(command: ColumnName, position: ColumnName, command_unit: str, *, n
         yield f"{command.text!r} is read as the command, {position.text!r} as the position (`input`, `output`)"
     if command_unit and command.unit.kind != "voltage":
         yield f"the command {command.text!r} is read in {command_unit}, where a display commands volts"
-    for name in (command, position):
+
+
+def _of_units(*columns: ColumnName) -> Iterator[str]:
+    """Yield what is to be said of the units of columns."""
+    for name in columns:
         if name.is_unknown:
             yield f"{name.text!r} has no unit that is known"
         if name.guessed:
@@ -174,16 +212,21 @@ def _reported(command: ColumnName, position: ColumnName, command_unit: str, *, n
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """Rows of a record. names, signals: of command, position and, if any, reference; stamps: seconds (n,), or None;
-    rate_hz: that is known without them; first: the row of the file, first_s: its time; is_part: of a file's rows.
+    stated: rates that are known without them; first: the row of the file, first_s: its time; is_part: of a file's rows.
     """
 
     names: tuple[str, ...]
     signals: tuple[FloatArray, ...]
     stamps: FloatArray | None
-    rate_hz: float | None
+    stated: Mapping[str, float]
     first: int = 0
     first_s: float = 0.0
     is_part: bool = False
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the rate that is stated, hertz; 1 where none is."""
+        return one_rate(self.stated) or 1.0
 
     def of(self, rows: slice, first_s: float) -> _Rows:
         """Return some of the rows."""
@@ -194,7 +237,7 @@ class _Rows:
     def times(self) -> FloatArray:
         """Return the time of each row since the first, seconds, also where stamps are amiss."""
         count = self.signals[0].size
-        return np.arange(count) / float(self.rate_hz or 1.0) if self.stamps is None else elapsed(self.stamps)
+        return np.arange(count) / self.rate_hz if self.stamps is None else elapsed(self.stamps)
 
     def between(self, from_s: float | None, to_s: float | None) -> _Rows:
         """Return the rows between two times since the first. Raises BadInput where that is nothing."""
@@ -222,9 +265,9 @@ class _Rows:
         remarks += [rows.require_numbers(name, values) for name, values in zip(rows.names, rows.signals, strict=True)]
         command, position, *others = rows.signals
         if rows.stamps is None:
-            stamps = even_stamps(command.size, float(rows.rate_hz or 0.0))
+            stamps = even_stamps(command.size, rows.rate_hz)
         else:
-            stamps = read_stamps(rows.stamps, rows.rate_hz, rows.first).held_against(position)
+            stamps = read_stamps(rows.stamps, rows.stated, rows.first).held_against(position)
         reference = stamps.spread(others[0], True) if others else None
         command, position = stamps.spread(command, True), stamps.spread(position, False)
         said = tuple(filter(None, [*remarks, *stamps.remarks]))
@@ -326,23 +369,19 @@ def _plain(name: str) -> str:
     return name.lower().rpartition(".")[2].strip(" _,/:-")
 
 
-def _known_rate(columns: Columns, rate_hz: float | None) -> float | None:
-    """Return the rate that the option or the file (an attribute, a variable fs or Ts) gives; the two must agree."""
+def _stated_rates(columns: Columns, rate_hz: float | None, names: Sequence[str]) -> Mapping[str, float]:
+    """Return the rate of the option, and those that the file states of these columns, or of all, otherwise than by its
+    head. Raises BadInput where they contradict.
+    """
     if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise BadInput(f"the rate given is {rate_hz:g} Hz", "a positive number")
-    inside = columns.rate_hz
-    for name, values in columns.values.items():
-        if values.size == 1 and inside is None and values[0] > 0.0:
-            plain = name.lower().rpartition(".")[2]
-            if plain in RATE_NAMES:
-                inside = float(values[0])
-            elif plain in STEP_NAMES:
-                inside = 1.0 / float(values[0])
-    if rate_hz is None:
-        return inside
-    if inside is not None and abs(rate_hz / inside - 1.0) > 0.01:
-        raise BadInput(f"the rate given is {rate_hz:g} Hz, the file says {inside:g} Hz", "one that agrees")
-    return rate_hz
+    stated = {} if rate_hz is None else {"`rate_hz`": rate_hz}
+    for place, hertz in columns.stated_hz.items():
+        group = place.rpartition(".")[0]
+        if not group or any(name.startswith(group) for name in names):
+            stated[place] = hertz
+    one_rate(stated)
+    return stated
 
 
 def _has_numbers(values: FloatArray) -> bool:
@@ -353,6 +392,14 @@ def _pick(columns: Columns, asked: str | None, usual: tuple[str, ...], what: str
     """Return the column that an option names, or the first of the usual names, with a unit behind it or without."""
     if asked is not None:
         return asked_column(columns, asked, what)
+    found = _usual(columns, usual)
+    if found is not None and what in ("input", "output") and f"{found.text}.2" in columns.values:
+        allowed = f"`{what}` {found.text!r} or '{found.text}.2'"
+        raise BadInput(f"two columns are named {found.text!r} and differ", allowed)
+    return found
+
+
+def _usual(columns: Columns, usual: tuple[str, ...]) -> ColumnName | None:
     names = _names_of(columns, reversed(list(columns.values)))
     usable = [name for name in names if _has_numbers(columns.values[name.text])]
     named = {_plain(name.base): name for name in usable} | {_plain(name.text): name for name in usable}

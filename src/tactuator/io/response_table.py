@@ -168,6 +168,7 @@ class _Reader:
         self.names = [column for column in self.names if self.values(column).size == hertz.size]
         said = self._said()
         self._require_read(said.phase)
+        self.columns.require_values(self.read)
         deviation, assumed = self._deviation(hertz.size)
         about = {"file": file, "kind": "response"}
         main = said.columns[0]

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from tactuator.arrays import FloatArray
-from tactuator.errors import BadInput
+from tactuator.errors import BadInput, agreed
 
 _MOST_DROPPED = 0.02
 _RATE_TOLERANCE = 0.01
 _FEWEST = 50
+_FELT_HZ = 600.0
+"""Twice the highest frequency that is felt: a rate below it is unusual."""
 _REPEATED = 0.3
 """Share of steps that are none, from which on stamps are too coarse to say which rows are missing."""
 _EPOCH_S = (9.4e8, 4.1e9)
@@ -73,9 +76,19 @@ def _beside_neighbours(values: FloatArray) -> FloatArray:
     return np.convolve(values, np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, mode="valid")
 
 
-def read_stamps(time_s: FloatArray, rate_hz: float | None, first: int = 0) -> Stamps:
+def one_rate(stated: Mapping[str, float], allowed: str = "rates that agree") -> float | None:
+    """Return the rate, hertz, of several statements, by who makes them. Raises BadInput where two contradict."""
+    return agreed(stated, lambda one, other: abs(other / one - 1.0) <= _RATE_TOLERANCE, "{:.6g} Hz".format, allowed)
+
+
+def of_bare_rate(name: str, rate_hz: float) -> list[str]:
+    """Return what is to be said of a rate by something without a unit: below what a display needs it is doubtful."""
+    return [f"{name!r} has no unit: read as a rate of {rate_hz:.4g} Hz"] if rate_hz < _FELT_HZ else []
+
+
+def read_stamps(time_s: FloatArray, stated: Mapping[str, float], first: int = 0) -> Stamps:
     """Judge stamps (n,), seconds, from a row `first` of the file on. Raises BadInput where they do not ascend,
-    contradict rate_hz, or too much is missing.
+    contradict the rate stated, hertz by who states it, or too much is missing.
     """
     if time_s.size < 3:
         raise BadInput(f"{time_s.size} time stamps", "3 or more")
@@ -88,7 +101,7 @@ def read_stamps(time_s: FloatArray, rate_hz: float | None, first: int = 0) -> St
     step = np.diff(time_s)
     back = np.flatnonzero(step <= 0.0)
     if np.all(step >= 0.0) and back.size > _REPEATED * step.size and time_s[-1] > time_s[0]:
-        return _counted(time_s, rate_hz, first)
+        return _counted(time_s, one_rate(stated), first)
     if back.size > max(0.3 * step.size, 0) or np.median(step) <= 0.0:
         raise BadInput("the time stamps do not ascend", "stamps that do (printed with enough digits)")
     typical = _typical_step(step)
@@ -100,8 +113,7 @@ def read_stamps(time_s: FloatArray, rate_hz: float | None, first: int = 0) -> St
         jumps[:] = 1.0
     place_by_count = np.concatenate([[0.0], np.cumsum(jumps)])
     rate = place_by_count[-1] / (time_s[-1] - time_s[0])
-    if rate_hz is not None and abs(rate_hz / rate - 1.0) > _RATE_TOLERANCE:
-        raise BadInput(f"the rate given is {rate_hz:g} Hz, the time stamps say {rate:.6g} Hz", "one that agrees")
+    one_rate({**stated, "the time column": rate})
     if missing > _MOST_DROPPED * time_s.size:
         raise BadInput(f"{missing} of {time_s.size + missing} samples are missing", "2 % at most")
     return _judge(time_s, rate, place_by_count, missing)
@@ -134,8 +146,8 @@ def _counted(time_s: FloatArray, rate_hz: float | None, first: int) -> Stamps:
     return replace(even_stamps(count, rate_hz), remarks=(remark,))
 
 
-def read_clock(raw: FloatArray, factor: float, rate_hz: float | None) -> tuple[FloatArray, list[str]]:
-    """Return the seconds of a column of time (n,), and what had to be assumed of it.
+def read_clock(raw: FloatArray, name: str, factor: float, rate_hz: float | None) -> tuple[FloatArray, list[str]]:
+    """Return the seconds of a column of time (n,) of that name, and what had to be assumed of it.
 
     factor: seconds of the column's unit, 0 where no unit is known: it may then have dates in milliseconds and finer, or
     count ticks, of which a stated rate says how long they are. A counter that wraps is counted on.
@@ -147,14 +159,16 @@ def read_clock(raw: FloatArray, factor: float, rate_hz: float | None) -> tuple[F
     if factor:
         return raw * factor, wraps
     step = _usual_step(raw)
-    for name, unit in (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)):
+    for words, unit in (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)):
         low, high = (year / unit for year in _EPOCH_S)
         if step * unit < _LONGEST_STEP_S and low <= finite.min() and finite.max() <= high:
-            return (raw - finite[0]) * unit, [*wraps, f"the time stamps are read as {name} since 1970"]
+            return (raw - finite[0]) * unit, [*wraps, f"the time stamps are read as {words} since 1970"]
     is_counter = bool(np.all(finite == np.round(finite)))
     if rate_hz is not None and is_counter and step > 0.0 and abs(rate_hz * step - 1.0) > _RATE_TOLERANCE:
         remark = f"the time stamps count ticks, {step:.6g} to a sample at the {rate_hz:g} Hz given"
         return raw / (step * rate_hz), [*wraps, remark]
+    if rate_hz is None and step > 0.0 and not _EPOCH_S[0] <= finite.min() <= _EPOCH_S[1]:
+        wraps += of_bare_rate(name, 1.0 / step)
     return raw, wraps
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from tactuator.errors import BadInput
 from tactuator.io.cells import cell_pair, cell_value, check_commas, is_comment, is_empty, is_stamp, pair_units, parts
-from tactuator.io.column_name import column_name, is_units, unit_of
+from tactuator.io.column_name import changes_values, column_name, is_units, unit_of
 
 DELIMITERS = ("\t", ";", ",", None)
 _FIRST_ROWS = 200
@@ -34,8 +34,8 @@ _LETTERS = {"t", "u", "y", "f", "x", "hz", "db", "re", "im", "in", "out", "deg",
 @dataclass(frozen=True)
 class Layout:
     """How a table is written. delimiter: between cells, None for blanks; head: lines before the rows of numbers;
-    width: cells of a row; names, units: of the columns; pairs: cells of two numbers each, by their place; rate_hz: that
-    the head states.
+    width: cells of a row; names, units: of the columns; pairs: cells of two numbers each, by their place; head_hz:
+    rates that the head states, hertz by its words; changes: what it states that may change the values.
     """
 
     delimiter: str | None
@@ -45,7 +45,8 @@ class Layout:
     units: dict[str, str] = field(default_factory=dict)
     pairs: frozenset[int] = frozenset()
     has_decimal_commas: bool = False
-    rate_hz: float | None = None
+    head_hz: Mapping[str, float] = field(default_factory=dict)
+    changes: tuple[str, ...] = ()
 
     def is_row(self, line: str) -> bool:
         """Return whether a line below the head is one of the table."""
@@ -103,7 +104,21 @@ def find_layout(lines: Sequence[str], ending: str = "") -> Layout | None:
     named = _expanded(names, pairs, width)
     commas = delimiter != "," and any("," in cell for cells in below for cell in cells)
     by_name = dict(zip(named, units, strict=False)) if len(units) == len(named) else {}
-    return Layout(delimiter, start, width, named, by_name, frozenset(pairs), commas, _stated_rate(head))
+    if not pairs:
+        by_name |= {name: "s" for k, name in enumerate(named) if _is_clock(name, [cells[k] for cells in below])}
+    return Layout(
+        delimiter, start, width, named, by_name, frozenset(pairs), commas, _stated_rates(head), _changes(head)
+    )
+
+
+def _is_clock(name: str, cells: Sequence[str]) -> bool:
+    """Return whether a column has dates or times of day, which are read in seconds, and no unit in its name."""
+    given = [cell for cell in cells if not is_empty(cell)]
+    return (
+        bool(given)
+        and all(":" in cell and cell_value(cell) is not None for cell in given)
+        and not column_name(name).unit.kind
+    )
 
 
 _STEP = re.compile(
@@ -116,16 +131,32 @@ _MOST_OF_HEAD = 1000
 """Characters of a line in which that is looked for: the search takes time by the square of their number."""
 
 
-def _stated_rate(head: Sequence[str]) -> float | None:
-    """Return the sampling rate that a head states, hertz; None where it states none, or several."""
-    rates = set[float]()
-    for found in filter(None, (_STEP.search(line[:_MOST_OF_HEAD]) for line in head)):
+_NO_SAMPLING = re.compile(r"(?i)baud|bit|frame|heart|flow|refresh|update|slew|error|feed|data rate")
+
+
+_STATEMENT = re.compile(r"[\s#%*;!\"]*([A-Za-z][\w .()/-]{0,80}?)\s*[:=]\s*([^\n]{1,80})")
+_OF_INSTRUMENT = re.compile("(?i)vertical|horizontal|probe|trigger|axis|scaling mode")
+
+
+def _changes(head: Sequence[str]) -> tuple[str, ...]:
+    """Return what a head states that may change the values, but for an instrument's settings."""
+    stated = (found for found in map(_STATEMENT.match, head) if found and not _OF_INSTRUMENT.search(found[1]))
+    return tuple(f"{found[1]} {found[2].strip()}" for found in stated if changes_values(found[1], found[2]))
+
+
+def _stated_rates(head: Sequence[str]) -> dict[str, float]:
+    """Return the sampling rates that a head states, hertz by line, words and unit."""
+    rates: dict[str, float] = {}
+    for number, found in enumerate((_STEP.search(line[:_MOST_OF_HEAD]) for line in head), start=1):
+        if found is None or _NO_SAMPLING.search(found[0]):
+            continue
         step, text = found[1], found["unit"] or found["behind"]
         value, unit = cell_value(found[3].rstrip(",")), unit_of(text) if text else None
-        if value and (not text or (unit is not None and unit.kind == ("time" if step else "frequency"))):
+        if value and value > 0.0 and (not text or (unit and unit.kind == ("time" if step else "frequency"))):
             size = value * (unit.factor if unit else 1.0)
-            rates.add(1.0 / size if step else size)
-    return rates.pop() if len(rates) == 1 else None
+            words = re.split(r"[\[(:=,;]", found[0])[0].strip()
+            rates[f"line {number}, {words}" + (f" ({text})" if text else "")] = 1.0 / size if step else size
+    return rates
 
 
 def _parted(lines: Sequence[str]) -> tuple[list[_Row], str | None]:

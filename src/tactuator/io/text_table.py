@@ -8,7 +8,7 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -42,7 +42,7 @@ codecs.register_error("tactuator-windows", _windows)
 @dataclass(frozen=True, eq=False)
 class Table:
     """Numbers of a text. values: (rows, columns); names, units: of the columns; cut: rows were left unread; footer: the
-    first line of text below the rows; rate_hz: that its head states.
+    first line of text below the rows; head_hz, changes: what its head states, as a `Layout` has it.
     """
 
     names: tuple[str, ...]
@@ -50,7 +50,8 @@ class Table:
     units: Mapping[str, str]
     cut: bool
     footer: str = ""
-    rate_hz: float | None = None
+    head_hz: Mapping[str, float] = field(default_factory=dict)
+    changes: tuple[str, ...] = ()
 
 
 def read_table(path: Path, most_rows: int, most_values: int) -> Table:
@@ -79,7 +80,15 @@ def read_table(path: Path, most_rows: int, most_values: int) -> Table:
     table = np.concatenate(blocks)
     place_of = {name: k for k, name in reversed(list(enumerate(layout.names)))}
     kept = [k for k in range(len(layout.names)) if not _is_nothing_new(k, layout.names, place_of, table)]
-    return Table(tuple(layout.names[k] for k in kept), table[:, kept], layout.units, cut, rows.footer, layout.rate_hz)
+    return Table(
+        tuple(layout.names[k] for k in kept),
+        table[:, kept],
+        layout.units,
+        cut,
+        rows.footer,
+        layout.head_hz,
+        layout.changes,
+    )
 
 
 def _is_nothing_new(place: int, names: tuple[str, ...], place_of: Mapping[str, int], table: FloatArray) -> bool:

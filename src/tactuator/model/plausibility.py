@@ -174,6 +174,10 @@ EXPECTED: Mapping[str, Plausible] = {
         "the distance of the curve's shape from the library's, over that of its logarithm,", "", 0.0, 2.5, "",
         "micrometres where dB re 1 µm are read",
     ),
+    "curve's span": Plausible(
+        "the span of the curve's levels over that of the library's", "", 0.1, np.inf,
+        "micrometres, millimetres or metres where dB re 1 µm are read", "",
+    ),
     "load": Plausible(
         "the mass of a load over the mass that moves", "", 0.0, 30.0, "", "mass in grams where the plant has kilograms",
     ),
@@ -266,6 +270,8 @@ def curve_doubts(given: ThresholdCurve) -> Iterator[Doubt]:
     level, known = given.level_db_re_1um_at(frequency), usual.level_db_re_1um_at(frequency)
     yield from EXPECTED["curve"].doubts(float(np.median(level - known)))
     if np.all(level > 0.0):
+        if np.ptp(known) > 20.0:  # a few close points may be alike
+            yield from EXPECTED["curve's span"].doubts(float(np.ptp(level) / np.ptp(known)))
         as_read, as_linear = float(np.std(level - known)), float(np.std(20.0 * np.log10(level) - known))
         # distance of a curve's shape from the library's below which it is like it
         if as_read > 4.0:
