@@ -140,7 +140,10 @@ def test_names__at_most_42__all_there_as_the_types_and_help_say_and_light_to_imp
         ),
         ("identify([])", "no record; expected one or more"),
         ("identify(())", "no record; expected one or more"),
-        ("calibrate_sensor(())", "calibrate_sensor: pairs is a tuple; it must be the path of a file, or a tuple of displacement_mm and voltage_v"),
+        (
+            "calibrate_sensor(())",
+            "calibrate_sensor: pairs is a tuple; it must be the path of a file, or a tuple of displacement_mm and",
+        ),
         ("read_controller(None)", "read_controller: path is None; it must be the path of a file"),
     ],
 )

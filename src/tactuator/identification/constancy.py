@@ -19,7 +19,8 @@ from tactuator.identification.uncertainty import log_slopes, variances
 
 _PARTS = 5
 """Parts of each record: what rests on a mechanism for a third of it fills one of them at least."""
-_POINTS = 40
+_FEWEST, _POINTS = 200, 40
+"""Samples of a part, from which on its noise is known; frequencies at which parts are compared."""
 _STILL = 3e-3
 """Share of the command's deviation below which it moves nothing in a part."""
 _BEYOND = 4.0
@@ -48,8 +49,9 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
 
     A part speaks of the frequencies that its command moved. signals, spectra: of every record, as they were fitted.
     """
+    nothing = Change(np.ones(1), np.zeros(1, dtype=np.complex128), 0.0)
     if not signals:
-        return Change(np.ones(1), np.zeros(1, dtype=np.complex128), 0.0)
+        return nothing
     hertz = np.geomspace(*moved_range(spectra), _POINTS)
     slopes, rows = log_slopes(fit, hertz), list[tuple[ComplexArray, FloatArray, NDArray[np.bool_]]]()
     for part in _parts(signals, spectra):
@@ -57,6 +59,8 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
         covariance, (low, high) = choice.problem.covariance_of(choice.fit), moved_range([part])
         variance = np.add(*variances(slopes, covariance))
         rows.append((slopes @ choice.problem.step_of(choice.fit), variance, (hertz >= low) & (hertz <= high)))
+    if not rows:
+        return nothing
     moved, variance, known = (np.stack(column) for column in zip(*rows, strict=True))
     weight = known / np.maximum(variance, 1e-300)
     share = weight / np.maximum(weight.sum(axis=0), 1e-300)
@@ -67,7 +71,7 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
         apart = np.abs((moved[one] - moved[other]).real) - chance
         beyond = np.maximum(beyond, np.where(known[one] & known[other], apart, 0.0))
     if not beyond.any():
-        return Change(hertz, np.zeros(hertz.size, dtype=np.complex128), 0.0)
+        return nothing
     by_chance, count = (variance * known).sum(axis=0), np.maximum(known.sum(axis=0), 1)
     real, imaginary = (
         np.sqrt(np.maximum((part**2).sum(axis=0) - by_chance, 0.0) / count) for part in (away.real, away.imag)
@@ -77,7 +81,8 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
 
 def _parts(signals: Signals, spectra: Sequence[Spectrum]) -> Iterator[Spectrum]:
     for (command, position), taken in zip(signals, spectra, strict=True):
-        for begin, end in pairwise(np.linspace(0, taken.samples, _PARTS + 1).astype(int)):
+        count = min(_PARTS, taken.samples // _FEWEST)
+        for begin, end in pairwise(np.linspace(0, taken.samples, count + 1).astype(int)):
             piece = slice(begin, end + taken.shift)
             if np.std(command[piece]) > _STILL * np.std(command):
                 yield spectrum(command[piece], position[piece], taken.rate_hz, taken.shift)

@@ -185,6 +185,8 @@ def fit_friction(
     signals = bare.data.signals
     note("looking for friction")
     stage = _Stage(signals, bare, _Level(0.0, 0.0, ()))
+    if not any(np.ptp(path) > 0.0 for path in stage.measured):
+        return None  # a dead time as long as the record leaves no motion
     level = _level_without_model(stage) if _share_left(bare.residuals) > _POOR else None
     if level is None and friction_shown(signals, bare) is None:
         return None
@@ -243,6 +245,8 @@ def friction_shown(signals: Signals, bare: SpectralEstimate) -> tuple[float, Flo
     if not all(np.all(residual.response) for residual in bare.residuals):
         return None  # nothing moves
     motion = max(float(np.std(path)) for path in stage.paths)
+    if not motion > 0.0:
+        return None
     both = product((stage.paths, stage.measured), _SHOWN_AT * motion)
     ways = ([dahl_state(path, place) for path in paths] for paths, place in both)
     best = max((stage.lines.explained(pull) for pull in stage.lines.pulls(ways)), key=lambda way: way[0])

@@ -28,8 +28,8 @@ from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.nonlinear import distortion_left
 from tactuator.identification.residual import (
     Residual,
+    along_record,
     check_record_residual,
-    clock_along,
     feedback_seen,
     fit_percent,
     residuals_of_model,
@@ -99,6 +99,7 @@ def identification(
     # in a loop the command follows what disturbs, otherwise in every part
     signals = () if estimate.data.in_loop else estimate.data.signals
     change = change_along(chosen.fit, signals, [residual.taken for residual in residuals][: len(signals)])
+    tests = replace(tests, change=max(change.greatest, abs(tests.drift[0]) - tests.drift[1]))
     model = _with_what_is_left(model.with_checks(*rows), tests, bent, change, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     simulated, measured, percent = _positions(residuals, common)
@@ -158,9 +159,12 @@ def _with_what_is_left(
     share, level = bent
     place = "" if tests.jump is None else common.place(tests.part, tests.jump)
     jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: `from_s`, `to_s`")
-    rows = (jump, trust.DISTORTION.of(100.0 * share), trust.CHANGE.of(DB * change.greatest, remedy=_SHORTER))
-    excess = model.excess.joined(level).joined(change.at(model.excess.frequency_hz))
-    return replace(model.with_checks(*rows), excess=excess)
+    rise, half = tests.drift  # a gain alone is known better than the whole response of a part
+    rising = (abs(rise) + half) / 3.0 if abs(rise) > 1.5 * half else 0.0
+    along = change.at(model.excess.frequency_hz)
+    along = np.maximum(along.real, rising) + 1j * along.imag
+    checked = model.with_checks(jump, trust.DISTORTION.of(100.0 * share))
+    return replace(checked, excess=model.excess.joined(level).joined(along))
 
 
 def _beyond_chance(tests: ResidualTests, common: Prepared) -> float:
@@ -290,6 +294,7 @@ def _tests(
         hold = estimate.other.hold
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
     part = max(range(len(tests)), key=lambda k: tests[k].knock)
+    skew_ppm, drift = along_record(fit, residuals)
     lasting_s = max(part.samples / part.rate_hz for part in estimate.spectra)
     uncorrelated_p = min(1.0, len(tests) * min(test.uncorrelated_p for test in tests))
     # outside a loop a plant with such poles would have run away long before the record's end
@@ -307,7 +312,8 @@ def _tests(
         knock=tests[part].knock,
         jump=tests[part].jump,
         part=part,
-        skew_ppm=clock_along(fit, residuals),
+        skew_ppm=skew_ppm,
+        drift=drift,
     )
 
 
@@ -366,6 +372,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
         trust.LASTING.of(float(ringing)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
+        trust.CHANGE.of(DB * result.tests.change, remedy=_SHORTER),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:

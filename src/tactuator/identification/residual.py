@@ -158,19 +158,24 @@ _BLOCK = 1 << 15
 """Lines whose slopes are worked out at once."""
 
 
-def clock_along(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[float, float]:
-    """Return by how many millionths the position's clock is slower than the command's, with its 95 % half-width.
+def along_record(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return how the position runs away from the model along the records, each with its 95 % half-width: by how many
+    millionths its clock is slower than the command's, and by what part its gain rises from end to end.
 
-    To first order, beside what the fit's own parameters would take of it, and a gain that swings along the records.
+    To first order, beside what the fit's own parameters would take of it.
     """
     products: FloatArray | None = None
+    swing = power = 0.0
     for residual in residuals:
         taken = residual.taken
         lines = np.concatenate([[0.0], residual.response * taken.command[1:]])
         slope, moved = np.fft.irfft([2j * np.pi * taken.frequency_hz * lines, lines], taken.samples)
         place = np.arange(taken.samples) / taken.samples - 0.5
-        # the gain in place of one that rises: the record's ends are given up
-        beside = [place * taken.samples / taken.rate_hz * slope, np.sin(2.0 * np.pi * place) * moved]
+        # a gain that swings once along the record, in place of one that rises: the record's ends are given up
+        turn = np.sin(2.0 * np.pi * place)
+        beside = [place * taken.samples / taken.rate_hz * slope, turn * moved]
+        swing += float(np.sum(turn**2 * moved**2))
+        power += float(np.sum(turn * place * moved**2))
         runs = np.stack([*np.fft.rfft(beside), residual.lines], axis=1)
         for begin in range(1, lines.size, _BLOCK):
             block = slice(begin, begin + _BLOCK)
@@ -183,7 +188,9 @@ def clock_along(fit: SpectralFit, residuals: Sequence[Residual]) -> tuple[float,
     gram, goal = products[:-1, :-1] / np.outer(size, size), products[:-1, -1] / size
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
     amounts, deviation = inverse @ goal / size, np.sqrt(np.maximum(0.5 * np.diag(inverse), 0.0)) / size
-    return 1e6 * float(amounts[-2]), 1e6 * Z95 * float(deviation[-2])
+    to_unit = np.array([1e6, swing / max(power, 1e-300)])
+    values, halves = to_unit * amounts[-2:], Z95 * to_unit * deviation[-2:]
+    return (float(values[0]), float(halves[0])), (float(values[1]), float(halves[1]))
 
 
 _SHORT, _LONG = 40, 200

@@ -25,7 +25,8 @@ class ResidualTests:
     the residual's power that the command's past explains. feedback: true where the command depends on the residual's
     past, false where it repeats itself without the noise, None where the record cannot tell; stated: it is known.
     knock: the greatest innovation over their usual size; jump: its sample, or None, in which part of the records.
-    skew_ppm: by how much the position's clock is slower, with its 95 % half-width.
+    skew_ppm, drift: by how much the position's clock is slower, and by what part its gain rises along the record, each
+    with its 95 % half-width. change: of the response's logarithm along the record, beyond chance.
     """
 
     white_p: float
@@ -37,6 +38,8 @@ class ResidualTests:
     jump: int | None = None
     part: int = 0
     skew_ppm: tuple[float, float] = (0.0, 0.0)
+    drift: tuple[float, float] = (0.0, 0.0)
+    change: float = 0.0
 
     @property
     def is_misfit(self) -> bool:
