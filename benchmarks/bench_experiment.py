@@ -27,7 +27,7 @@ from tactuator.experiment.session.task import Apparatus, SystemClock
 from tactuator.experiment.simulated.quality import Setting, simulate
 from tactuator.experiment.simulated.subjects import run_study, simulated_observers
 from tactuator.experiment.store.store import Store
-from tactuator.experiment.store.stored_runs import COLUMNS
+from tactuator.experiment.words import COLUMNS
 from tactuator.perception.curve import curve
 from tactuator.perception.psychometric import Psychometric, Weibull
 from tactuator.rig.simulated import SimulatedRig

@@ -23,6 +23,7 @@ import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from rich.segment import Segments
 
 import tactuator
 from tactuator.api.option import Argument, Option
@@ -513,3 +514,24 @@ def interrupted(folder: Path, after_s: float) -> tuple[int, str]:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
     return process.returncode, said
+
+
+def test_answer__long_table__is_printed_in_parts_as_it_would_be_whole(monkeypatch, capsys) -> None:
+    class Long(Result):
+        def facts(self) -> Sequence[Fact]:
+            return []
+
+        def tables(self) -> Sequence[ResultTable | str]:
+            rows = tuple((f"S{row}", f":sun: [b]{row}") for row in range(50))
+            return [ResultTable("Thresholds", ("subject", "level (dB SL)"), rows, ("a note",)), "a line"]
+
+    answer(Long(), as_json=False, full=True)
+    whole = capsys.readouterr().out
+    assert whole.splitlines()[-2:] == ["a note", "a line"]
+    assert ":sun: [b]49" in whole
+    parts = list[int]()
+    monkeypatch.setattr(output, "_AT_ONCE", 7)
+    monkeypatch.setattr(output, "Segments", lambda part: parts.append(len(part)) or Segments(part))
+    answer(Long(), as_json=False, full=True)
+    assert capsys.readouterr().out == whole
+    assert max(parts) == 7

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 
+from tactuator.api import experiment
+from tactuator.api.experiment import StoreThresholds
 from tactuator.errors import BadInput
 from tactuator.experiment.export import FORMS, export
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
@@ -291,8 +293,22 @@ def test_export__one_study_cannot_be_refitted__keeps_its_trials_and_leaves_the_o
     assert tables_of(tmp_path / "tidy", "short") == tables_of(tmp_path / "alone", "short")
     assert len(tables_of(tmp_path / "tidy", "broken")["trials"]) == 18
     without = tables_of(tmp_path / "tidy", "broken")["thresholds"]
-    assert [row["flags"] for row in without] == (["no-refit"] if change in AT_CHANCE.values() else [])
+    assert [row["flags"] for row in without] == ["no-refit"]
     assert not any(row["refit_db_sl"] for row in without)
+    (said,) = StoreThresholds(store_results(tmp_path / "lab.db")).notices()
+    assert said.startswith("no threshold of run ")
+    assert "broken" in said or change in AT_CHANCE.values()
+
+
+def test_figures__of_more_people_than_are_drawn__are_of_the_first_alone(
+    tmp_path, answered, monkeypatch, capsys
+) -> None:
+    answered(tmp_path / "lab.db", ONE_SUBJECT, BROKEN).close()
+    monkeypatch.setattr(experiment, "_PEOPLE_DRAWN", 1)
+    for _ in range(2):  # the second time over the first
+        experiment.thresholds(tmp_path / "lab.db", figures=tmp_path / "figures")
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"fig11", "psychometric-S1-1"}
+    assert "1 of 2 subjects are drawn" in capsys.readouterr().err
 
 
 FACTS = """

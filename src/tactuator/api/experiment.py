@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from getpass import getuser
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -350,10 +351,16 @@ class ErasedResult(Result):
     runs: int
     trials: int
     is_file: bool
+    names: tuple[str, ...] = field(repr=False)
 
     def notices(self) -> Sequence[str]:
         server = [] if self.is_file else ["the server keeps deleted rows until VACUUM FULL, and in its own logs"]
-        return [*server, "erase the subject from the protocol file, exports and backups, too"]
+        return [
+            *server,
+            "erase the subject from the protocol file, exports and backups, too; they are not known here: search for "
+            + ", ".join(map(repr, self.names)),
+            "what is noted of others (reasons, facts, values of the protocol) may still describe the subject",
+        ]
 
 
 def erase(
@@ -661,12 +668,24 @@ def thresholds(
         except BadInput as error:
             refused = error
     if figures is not None:
-        new = None if results.group is None else results.group.curve
-        others = {} if results.beside is None else {results.beside_is: results.beside.curve}
-        drawn = [report.felt_figures.thresholds_figure(results.people, results.reference, new, others)]
-        drawn += [report.felt_figures.psychometric_figure(*of_one) for of_one in results.psychometric.items()]
-        report.figure.save_figures(drawn, Path(figures))
+        names = [report.felt_figures.psychometric_name(person.name) for person in results.people]
+        report.figure.save_figures(_figures(results), Path(figures), ["fig11", *names])
     return StoreThresholds(results, refused)
+
+
+_PEOPLE_DRAWN = 100
+"""Subjects whose psychometric functions are drawn: each takes a fifth of a second."""
+
+
+def _figures(results: StoreResults) -> Iterator["report.figure.ReportFigure"]:
+    """Yield the figures of a store, each drawn when it is asked for."""
+    new = None if results.group is None else results.group.curve
+    others = {} if results.beside is None else {results.beside_is: results.beside.curve}
+    yield report.felt_figures.thresholds_figure(results.people, results.reference, new, others)
+    if (count := len(results.people)) > _PEOPLE_DRAWN:
+        say(f"psychometric functions of {_PEOPLE_DRAWN} of {count} subjects are drawn; choose a group for others")
+    for name, runs in islice(results.psychometric(), _PEOPLE_DRAWN):
+        yield report.felt_figures.psychometric_figure(name, runs)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, islice
 from threading import Event, Thread
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group
+from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segments
 from rich.table import Table
 from rich.text import Text
 
@@ -36,20 +37,30 @@ def answer(
     if as_json:
         sys.stdout.write(visible(json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False)) + "\n")
         return
-    console = Console(file=sys.stdout, markup=False, highlight=False)
+    console = Console(file=sys.stdout, markup=False, highlight=False, emoji=False)
     places = [f"written: {path}" for path in written]
     if not full:
         step = result.next_step()
         below = [*([f"next: {step}"] if step else []), *places]
         console.print(*map(typed, result.summary_lines(below, console.width, "--full")), sep="\n", soft_wrap=True)
         return
-    shown = [
-        Group(drawn(part, console, typed), *(typed(visible(note)) for note in part.notes))
-        if isinstance(part, ResultTable)
-        else typed(visible(part))
-        for part in result.all_tables()
-    ]
-    console.print(*shown, *map(visible, places), sep="\n")
+    for part in result.all_tables():
+        if isinstance(part, ResultTable):
+            _print(drawn(part, console, typed), console)
+        for line in part.notes if isinstance(part, ResultTable) else (part,):
+            console.print(typed(visible(line)))
+    for place in places:
+        console.print(visible(place))
+
+
+_AT_ONCE = 10_000
+
+
+def _print(table: Table, console: Console) -> None:
+    """Print a table a part at a time: the whole text of thousands of rows would take up 100 MB."""
+    segments = iter(console.render(table))
+    while part := list(islice(segments, _AT_ONCE)):
+        console.print(Segments(part), end="", crop=False)
 
 
 def drawn(content: ResultTable, console: Console, typed: Callable[[str], str] = str) -> Table:
@@ -66,7 +77,7 @@ def drawn(content: ResultTable, console: Console, typed: Callable[[str], str] = 
         firm.append(max((len(word) for cell in cells for word in cell.split() if re.search(r"\d", word)), default=1))
         table.add_column(name, overflow="fold", no_wrap=name in content.whole)
     for row in rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*row)
     room = console.width - len(most) - 1
     fits = room >= sum(least)
     low, high = (least, most) if fits else (firm, least)

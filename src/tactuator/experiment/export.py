@@ -34,9 +34,7 @@ from tactuator.experiment.store.records import CONSENT_NAME, Found
 from tactuator.experiment.store.run_rows import RunRows, rows_of_runs, runs_in_order
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.store.stored_runs import (
-    COLUMNS,
     PROGRAMS,
-    Column,
     StoredRun,
     detection_parts,
     in_order,
@@ -44,6 +42,7 @@ from tactuator.experiment.store.stored_runs import (
     stored_protocols,
 )
 from tactuator.experiment.trial import typed_number
+from tactuator.experiment.words import COLUMNS, Column
 from tactuator.io.atomic import atomic_folder
 from tactuator.io.csv_text import cell
 
@@ -378,16 +377,17 @@ def _write_bids(data: Exported, folder: Path) -> None:
     _write_json(folder / "dataset_description.json", {**about, "DatasetType": "raw", **by})
     _write_read_me(data, folder)
     # the ids that others know the subjects by stay in the laboratory
-    kept = [column for column in data.columns["subjects"] if column.name not in ("study", "subject", "outside_id")]
+    private = ("study", "subject", "outside_id")
+    kept = [column for column in data.columns["subjects"] if column.name not in private]
+    columns = [*COLUMNS["bids-participants"], *kept]
     labels = participants(data)
     people = [
         row | {"participant_id": f"sub-{labels[row['study'], row['subject']]}"}
         for row in sorted(data.tables["subjects"], key=lambda row: (row["study"], row["subject"]))
         if (row["study"], row["subject"]) in labels
     ]
-    names = ["participant_id", *(column.name for column in kept)]
-    _write_rows(folder / "participants.tsv", names, people, "\t", _MISSING)
-    _write_json(folder / "participants.json", _described(kept))
+    _write_rows(folder / "participants.tsv", [column.name for column in columns], people, "\t", _MISSING)
+    _write_json(folder / "participants.json", _described(columns))
     visits, numbers = any(run.visit > 1 for run in data.runs), Counter[tuple[object, ...]]()
     for run in data.rows():
         person, task = labels[run.about.study, run.about.subject], _task(run.about)

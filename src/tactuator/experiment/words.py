@@ -1,7 +1,8 @@
-"""Words by their key, from a language file: shipped ones, or one that a laboratory wrote."""
+"""Words by their key, from a language file (shipped, or a laboratory's), and the dictionary of exported columns."""
 
 from __future__ import annotations
 
+import csv
 import string
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import NamedTuple
 
 from tactuator.errors import BadInput
 from tactuator.io.text import parse_toml, read_text
@@ -109,3 +111,25 @@ def _flat(document: Mapping[str, object], prefix: str = "") -> dict[str, str]:
     for key, value in document.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": str(value)}
     return flat
+
+
+class Column(NamedTuple):
+    """A column of an exported table. source: its SQL, empty where it is computed."""
+
+    table: str
+    name: str
+    source: str
+    unit: str
+    description: str
+
+
+def _dictionary() -> dict[str, tuple[Column, ...]]:
+    text = files("tactuator.experiment").joinpath("dictionary.csv").read_text("utf-8")
+    columns = [Column(*row) for row in csv.reader(text.splitlines()[1:])]
+    return {name: tuple(c for c in columns if c.table == name) for name in dict.fromkeys(c.table for c in columns)}
+
+
+COLUMNS: Mapping[str, tuple[Column, ...]] = _dictionary()
+"""The dictionary: columns by their table, each with meaning, unit and, where it is read from the store, its SQL:
+the query and the description cannot disagree.
+"""

@@ -119,29 +119,44 @@ def thresholds_figure(
     axes.plot(fine, library.level_db_re_1um_at(fine), color=INK, linewidth=1.4, label=label)
     if new is not None:
         _draw_new(axes, new, others, fine)
-    spread = np.linspace(-0.03, 0.03, len(people)) if len(people) > 1 else np.zeros(1)
-    for index, (person, shift) in enumerate(zip(people, spread, strict=True)):
+    together = _together(people)
+    drawn = people if len(people) <= _NAMED else [together]
+    spread = np.linspace(-0.03, 0.03, len(drawn)) if len(drawn) > 1 else np.zeros(1)
+    for index, (person, shift) in enumerate(zip(drawn, spread, strict=True)):
         _draw_person(axes, person, person.frequency_hz * np.exp(shift), index)
     frequency_axis(axes, low / 1.15, high * 1.15, "threshold (dB re 1 µm peak)")
     legend(axes, loc="lower left")
     caption = (
-        f"Detection thresholds of {', '.join(person.name for person in people)} with their standard errors, over the "
+        f"Detection thresholds of {', '.join(person.name for person in drawn)} with their standard errors, over the "
         f"curve of the design ({library.name}, {library.provenance})"
     )
     known = f" ({new.bounds_said})" if new is not None and new.bounds_said else ""
     caption += f"; dashed: the new curve, with its standard error{known}." if new is not None else "."
-    flags = np.concatenate([np.zeros(p.frequency_hz.size, bool) if p.flagged is None else p.flagged for p in people])
-    bounds = [bound for person in people for bound in person.bound or [""] * person.frequency_hz.size]
+    flags, bounds = np.asarray(together.flagged), together.bound or ()
     crossed, beyond = int(flags.sum()), sum(bound != "" for bound in bounds)
     caption += f" Crossed: {crossed} thresholds of flagged runs." if crossed else ""
     caption += f" Arrows: {beyond} that lie beyond what was played." if beyond else ""
-    names = ("frequency_hz", "level_db_re_1um", "standard_error_db")
-    rows = [row for person in people for row in labelled((person.name,), *(getattr(person, name) for name in names))]
-    table = table_of(("person", *names), rows)
+    rows = [row for person in people for row in labelled((person.name,), *(getattr(person, name) for name in _KNOWN))]
+    table = table_of(("person", *_KNOWN), rows)
     if any(person.flagged is not None for person in people):
         table |= {"flagged": flags.astype(int).tolist(), "bound": list(bounds)}
     simulated = any(person.simulated for person in people)
     return ReportFigure("fig11", "Detection thresholds and the new curve", caption, drawing, table, simulated)
+
+
+_NAMED = 30
+"""People who have a colour and a line of the legend each; of more, the legend would leave the axes no room."""
+
+
+def _together(people: Sequence[PersonThresholds]) -> PersonThresholds:
+    """Return the thresholds of many people as those of one."""
+    hertz, level, error = (np.concatenate([getattr(person, name) for person in people]) for name in _KNOWN)
+    flags = np.concatenate([np.zeros(p.frequency_hz.size, bool) if p.flagged is None else p.flagged for p in people])
+    bounds = tuple(bound for person in people for bound in person.bound or [""] * person.frequency_hz.size)
+    return PersonThresholds(f"{len(people)} people", hertz, level, error, flags, bounds)
+
+
+_KNOWN = ("frequency_hz", "level_db_re_1um", "standard_error_db")
 
 
 def _draw_new(axes: Axes, new: ThresholdCurve, others: Mapping[str, ThresholdCurve], fine: FloatArray) -> None:
@@ -210,6 +225,15 @@ _COLUMNS = 3
 _LARGEST, _SMALLEST = 9.0, 2.0
 
 
+def psychometric_name(subject: str) -> str:
+    """Return the name of the subject's figure."""
+    return f"psychometric-{re.sub(_NOT_IN_FILES, '_', subject)}".encode()[:_LONGEST_NAME].decode(errors="ignore")
+
+
+_NOT_IN_FILES, _LONGEST_NAME = r"[/\\\x00-\x1f\x7f]", 200
+"""Characters of a study's name that no file's name has, and bytes that leave room for its ending."""
+
+
 def psychometric_figure(subject: str, runs: Sequence[PsychometricTrials]) -> ReportFigure:
     """Draw a panel for each run: share correct against level (area: trials), fit, refitted threshold with its interval.
 
@@ -251,12 +275,9 @@ def psychometric_figure(subject: str, runs: Sequence[PsychometricTrials]) -> Rep
         )
     ]
     table = table_of(("run", "finger", "frequency_hz", "level_db_sl", "share_correct", "trials"), rows_of_table)
-    name = f"psychometric-{re.sub(_NOT_IN_FILES, '_', subject)}".encode()[:_LONGEST_NAME].decode(errors="ignore")
-    return ReportFigure(name, f"Psychometric functions, {subject}", caption, drawing, table, simulated)
-
-
-_NOT_IN_FILES, _LONGEST_NAME = r"[/\\\x00-\x1f\x7f]", 200
-"""Characters of a study's name that no file's name has, and bytes that leave room for its ending."""
+    return ReportFigure(
+        psychometric_name(subject), f"Psychometric functions, {subject}", caption, drawing, table, simulated
+    )
 
 
 _ANSWERS = "answers (larger: more trials)"

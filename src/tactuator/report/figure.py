@@ -138,12 +138,16 @@ def labelled(labels: tuple[object, ...], *columns: NDArray[Any]) -> Iterator[tup
         yield (*labels, *row)
 
 
-def save_figures(figures: Sequence[ReportFigure], folder: Path) -> None:
+def save_figures(figures: Iterable[ReportFigure], folder: Path, names: Iterable[str] | None = None) -> None:
     """Write every figure's figure (SVG) and numbers (CSV) into `folder`, whole or not at all.
 
-    Raises BadInput for a folder that holds anything else.
+    names: of figures that are drawn as they are saved, so that not all of them are in memory. Raises BadInput for a
+    folder that holds anything else.
     """
-    own_names = frozenset(f"{figure.name}.{ending}" for figure in figures for ending in ("svg", "csv"))
+    if names is None:
+        figures = list(figures)
+        names = [figure.name for figure in figures]
+    own_names = frozenset(f"{name}.{ending}" for name in names for ending in ("svg", "csv"))
     with atomic_folder(folder, own_names) as beside:
         for figure in figures:
             (beside / f"{figure.name}.svg").write_text(figure.svg(), encoding="utf-8")

@@ -251,3 +251,15 @@ def test_warnings__codes_of_a_protocol__are_said_with_those_they_are_mixed_with(
         "7 is mixed with 007 by other programs", "1-2 is a date or a time to spreadsheets",
         "NA is a missing value to other programs",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["subject", "enrolled_utc", "participant_id", "visit"])
+def test_fact__named_as_a_column_of_the_exports__is_refused_by_key(name: str) -> None:
+    """It took the place of the subject's code, or of another column, in every export."""
+    with pytest.raises(BadInput, match=f"name is '{name}'; it must be another name"):
+        parse_protocol(PROTOCOL + REQUIRED.replace("pta", name), StudyProtocol)
+
+
+def test_facts__of_one_name__are_refused() -> None:
+    with pytest.raises(BadInput, match="demographic names pta, pta"):
+        parse_protocol(PROTOCOL + REQUIRED + REQUIRED, StudyProtocol)

@@ -104,7 +104,7 @@ def test_thresholds__of_one_who_feels_nothing__are_censored_in_the_curve(study):
 
 def test_figure__of_a_subject_of_a_study_of_any_name__is_a_file_in_the_folder(study, tmp_path) -> None:
     store, _ = study
-    (drawn, *_) = psychometric_trials(detection_runs(store), thresholds(detection_runs(store))).values()
+    ((_, drawn), *_) = psychometric_trials(detection_runs(store), thresholds(detection_runs(store)))
     names = ("S1-left/right\n", "S1-" + 200 * "\u6307")
     save_figures([psychometric_figure(name, drawn[:1]) for name in names], tmp_path)
     assert len([*tmp_path.glob("psychometric-S1-*.svg")]) == 2
@@ -121,7 +121,7 @@ def test_thresholds__simulated_doubtful_or_censored__are_marked_in_every_figure(
     assert any("simulated" in note for note in notes)
     assert any("79.4 % correct" in note for note in notes)
     assert group_curve(found, LIBRARY, (0.4, 300.0)).curve.provenance == "simulated"
-    figures = psychometric_trials(detection_runs(store), found)
+    figures = dict(psychometric_trials(detection_runs(store), found))
     figure = psychometric_figure("S1", figures["S1"])
     assert "simulated" in figure.caption
     assert [text.get_text() for text in figure.drawing.legends[0].texts][::3] == ["fit", "procedure's own"]
@@ -158,7 +158,7 @@ def test_group_curve__of_two_studies__counts_people_and_is_read_back(study, tmp_
     assert both.subjects == (0, 2, 2, 2, 0)
     assert both.curve.level_db_re_1um[1:4] == pytest.approx([one.level_db_re_1um + 4.0 for one in felt])
     assert [one.name for one in person_thresholds([*felt, *other])] == ["S1-1", "S1-2"]
-    assert set(psychometric_trials(detection_runs(study[0]), felt)) == {"S1"}
+    assert set(dict(psychometric_trials(detection_runs(study[0]), felt))) == {"S1"}
     store, _ = study
     runs = detection_runs(store)
     everybody = group_curve(thresholds(runs), LIBRARY, (0.4, 300.0))
@@ -252,7 +252,7 @@ def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     run_study(store, parse_protocol(text, Protocol), text, apparatus(), observers, SystemClock(), "finger")
     runs = detection_runs(store)
     found = thresholds(runs)
-    (drawn,) = psychometric_trials(runs, found)["S1"]
+    (drawn,) = dict(psychometric_trials(runs, found))["S1"]
     assert drawn.whole_curve
     assert drawn.count.sum() == 60
     assert drawn.threshold.refit_db_sl == pytest.approx(0.0, abs=2.5)  # curve and function tell the same story
@@ -266,3 +266,13 @@ def test_whole_curve__through_the_display__follows_the_truth(store) -> None:
     assert len(found) == 28  # every frequency at which trials may be put
     assert all(one.notch_trials is not None and one.notch_trials >= 0 for one in found)
     assert any(one.notch_trials for one in found)  # sixty trials cannot exclude a notch everywhere
+
+
+def test_thresholds_figure__many_people__have_one_line_of_the_legend(study) -> None:
+    """Four thousand lines of it left the axes no room, and each person took up memory."""
+    (person,) = person_thresholds(thresholds(detection_runs(study[0]))[:1])
+    many = [replace(person, name=f"S{number}") for number in range(31)]
+    drawn = thresholds_figure(many, LIBRARY, None)
+    labels = [text.get_text() for text in drawn.drawing.axes[0].get_legend().get_texts()]
+    assert labels[1:] == ["31 people"]
+    assert drawn.table["person"] == [one.name for one in many]

@@ -11,7 +11,7 @@ from pydantic import Field, StringConstraints
 from tactuator.errors import BadInput, within
 from tactuator.experiment.protocol.codes import doubts
 from tactuator.experiment.trial import typed_number
-from tactuator.experiment.words import Words, shipped_words
+from tactuator.experiment.words import COLUMNS, Words, shipped_words
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
 
@@ -72,6 +72,9 @@ class Circumstances:
     masking_level_db_spl: Annotated[Number | None, Field(description="its level, as measured")] = None
 
 
+_OF_EXPORTS = frozenset(column.name for table in COLUMNS.values() for column in table)
+
+
 @table("[[demographic]]")
 class Demographic:
     """Keys of [[demographic]], a fact that the laboratory notes of every subject."""
@@ -86,6 +89,8 @@ class Demographic:
     required: Annotated[Flag, Field(description="no subject is enrolled without it")] = False
 
     def __post_init__(self) -> None:
+        if self.name in _OF_EXPORTS:
+            raise BadInput(repr(self.name), "another name than those of the exports' columns", key="name")
         if (self.kind == "choice") != bool(self.choices):
             raise BadInput(f"{self.name}: choices for a {self.kind}", "with a choice, and only there")
         if self.kind != "number" and (self.low is not None or self.high is not None):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -52,19 +52,22 @@ class PsychometricTrials:
 
 def psychometric_trials(
     runs: Sequence[StoredRun], measured: Sequence[MeasuredThreshold]
-) -> dict[str, tuple[PsychometricTrials, ...]]:
-    """Return every run by the name of its subject; found holds one threshold of a run, or those of a whole curve."""
+) -> Iterator[tuple[str, list[PsychometricTrials]]]:
+    """Yield each subject's name with their runs; measured: one threshold of a run, or those of a whole curve."""
     by_run: dict[int, list[MeasuredThreshold]] = {}
     for threshold in measured:
         by_run.setdefault(threshold.run, []).append(threshold)
-    people: dict[str, list[PsychometricTrials]] = {}
-    names = names_of_people(measured)
+    people: dict[tuple[int, str], list[StoredRun]] = {}
     for run in runs:
-        mine = by_run.get(run.run.id, [])
-        if mine:
-            drawn = _of_curve(run, mine) if run.protocol.procedure.chooses_frequency else _of_run(run, mine[0])
-            people.setdefault(names[mine[0].study_number, mine[0].subject], []).append(drawn)
-    return {subject: tuple(trials) for subject, trials in people.items()}
+        if run.run.id in by_run:
+            people.setdefault((run.session.study_id, run.session.subject_code), []).append(run)
+    names = names_of_people(measured)
+    for person, each in people.items():
+        yield names[person], [_psychometric(run, by_run[run.run.id]) for run in each]
+
+
+def _psychometric(run: StoredRun, points: Sequence[MeasuredThreshold]) -> PsychometricTrials:
+    return _of_curve(run, points) if run.protocol.procedure.chooses_frequency else _of_run(run, points[0])
 
 
 def _of_run(run: StoredRun, threshold: MeasuredThreshold) -> PsychometricTrials:
@@ -327,9 +330,8 @@ class StoreResults:
         """Return each subject's thresholds."""
         return person_thresholds(self.thresholds)
 
-    @cached_property
-    def psychometric(self) -> dict[str, tuple[PsychometricTrials, ...]]:
-        """Return the answers of every run by level, with the function fitted to them, by the subject's name."""
+    def psychometric(self) -> Iterator[tuple[str, list[PsychometricTrials]]]:
+        """Yield each subject's name with the answers of every run by level, and the function fitted to them."""
         return psychometric_trials(self.runs, self.thresholds)
 
     @property
@@ -384,10 +386,11 @@ def store_results(
     """
     with closing(Store(store_path, must_exist=True, voided=voided)) as store:
         runs, of_runs = fitted_parts(required_parts(store, group=group))
+    measured = of_runs.require().thresholds
     names = sorted({run.run.curve for run in runs})
     if reference is None and len(names) > 1:
         raise BadInput(f"runs refer to the curves {', '.join(names)}", "`reference` to name the one to extend by")
-    original, measured = resolve_curve(reference or names[0]), of_runs.require().thresholds
+    original = resolve_curve(reference or names[0])
     band_hz = (min(run.run.band_low_hz for run in runs), max(run.run.band_high_hz for run in runs))
     across, refused = _across(measured, original, band_hz, leave_out)
     beside = None

@@ -126,18 +126,20 @@ def fitted(runs: Sequence[StoredRun]) -> Fitted:
 
 
 def fitted_parts(parts: Iterable[Sequence[StoredRun]]) -> tuple[tuple[StoredRun, ...], Fitted]:
-    """Return all runs in order with their thresholds, read and fitted a part at a time.
+    """Return the runs that have thresholds, in order, with those, read and fitted a part at a time.
 
     Of a run without catch trials the intervals are let go: of a million trials they would fill the memory.
     """
     runs, fits = list[StoredRun](), list[Fitted]()
     for part in parts:
         fits.append(fitted(part))
-        runs += [run if np.count_nonzero(run.catch_kinds) else replace(run, intervals=NO_INTERVALS) for run in part]
+        refused_runs = {run.run.id for run, _ in fits[-1].refused}
+        kept = [run for run in part if run.run.id not in refused_runs]
+        runs += [run if np.count_nonzero(run.catch_kinds) else replace(run, intervals=NO_INTERVALS) for run in kept]
     runs.sort(key=in_order)
     place = {run.run.id: index for index, run in enumerate(runs)}
     measured = sorted((each for fit in fits for each in fit.thresholds), key=lambda each: place[each.run])
-    refused = sorted((each for fit in fits for each in fit.refused), key=lambda each: place[each[0].run.id])
+    refused = sorted((each for fit in fits for each in fit.refused), key=lambda each: in_order(each[0]))
     return tuple(runs), Fitted(tuple(measured), tuple(refused))
 
 

@@ -15,8 +15,9 @@ from sqlalchemy import ColumnElement, Connection, FromClause, Select, func, sele
 
 from tactuator.experiment.store import schema
 from tactuator.experiment.store.records import Found
-from tactuator.experiment.store.stored_runs import COLUMNS, plain_rows, selected
+from tactuator.experiment.store.stored_runs import plain_rows, selected
 from tactuator.experiment.store.voids import void_reasons
+from tactuator.experiment.words import COLUMNS
 
 Cells = Sequence[Any]
 

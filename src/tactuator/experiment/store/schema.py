@@ -31,6 +31,10 @@ VERSION = 8
 tables = MetaData()
 
 
+class Prose(String):
+    """Type of a text that people write for people, and that may name somebody."""
+
+
 def _key(name: str, needed: bool = True, **about: Any) -> Column[Any]:
     """Return a column that refers to the row of another table: `study_id` to that of `study`."""
     return Column(name, Integer, ForeignKey(f"{name.removesuffix('_id')}.id"), nullable=not needed, **about)
@@ -56,7 +60,9 @@ protocol_version = _table(
     "protocol_version",
     _key("study_id"),
     *_needed(Integer, "number"),
-    *_needed(String, "toml", "sha256", "reason", "tool_version", "created_utc"),
+    *_needed(String, "toml", "sha256"),
+    *_needed(Prose, "reason"),
+    *_needed(String, "tool_version", "created_utc"),
     UniqueConstraint("study_id", "number"),
     UniqueConstraint("study_id", "sha256"),
 )
@@ -75,7 +81,7 @@ demographic = _table(
     "demographic",
     _key("subject_id"),
     *_needed(String, "name", "unit"),
-    *_optional(String, "value"),
+    *_optional(Prose, "value"),
     UniqueConstraint("subject_id", "name"),
 )
 
@@ -154,17 +160,20 @@ response = Table(
 event = _table(
     "event",
     _key("session_id", needed=False),
-    *_needed(String, "at_utc", "who", "kind"),
+    *_needed(String, "at_utc"),
+    *_needed(Prose, "who"),
+    *_needed(String, "kind"),
     *_optional(Integer, "trials"),
-    *_needed(String, "detail"),
+    *_needed(Prose, "detail"),
     _key("subject_id", needed=False),
-    *_optional(String, "item", "before", "after"),
+    *_optional(String, "item"),
+    *_optional(Prose, "before", "after"),
 )
 
 void = _table(
     "void",
     *(_key(name, needed=False, unique=True) for name in ("session_id", "run_id", "trial_id")),
-    *_needed(String, "reason"),
+    *_needed(Prose, "reason"),
 )
 """Visits, runs and trials that are not to be used; one of the three keys is set."""
 

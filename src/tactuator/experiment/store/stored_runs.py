@@ -1,21 +1,14 @@
-"""Reading of a store: tables of the exports' dictionary, runs with their trials, answers to tasks, protocols.
-
-dictionary.csv says of every column what it means, its unit and, where it is read from the store, its SQL: the query and
-the description cannot disagree.
-"""
+"""Reading of a store: tables of the exports' dictionary, runs with their trials, answers to tasks, protocols."""
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.resources import files
 from itertools import chain, groupby
 from operator import attrgetter
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,29 +25,12 @@ from tactuator.experiment.store.records import Found, session_query
 from tactuator.experiment.store.store import Store
 from tactuator.experiment.task.task import Answered, AnsweredRun, Task
 from tactuator.experiment.trial import LOUD, SIGNAL, Tone
+from tactuator.experiment.words import COLUMNS
 
 _P = TypeVar("_P", bound=StudyProtocol)
 _Task = TypeVar("_Task", bound=Task)
 
 
-class Column(NamedTuple):
-    """A column of an exported table. source: its SQL, empty where it is computed."""
-
-    table: str
-    name: str
-    source: str
-    unit: str
-    description: str
-
-
-def _dictionary() -> dict[str, tuple[Column, ...]]:
-    text = files("tactuator.experiment").joinpath("dictionary.csv").read_text("utf-8")
-    columns = [Column(*row) for row in csv.reader(text.splitlines()[1:])]
-    return {name: tuple(c for c in columns if c.table == name) for name in dict.fromkeys(c.table for c in columns)}
-
-
-COLUMNS: Mapping[str, tuple[Column, ...]] = _dictionary()
-"""The dictionary: columns by their table."""
 PROGRAMS = ("simulated", "script")
 """Respondents that are programs."""
 TRIALS = schema.ANSWERED.outerjoin(
@@ -82,13 +58,20 @@ def stored_protocols(connection: Connection, form: type[_P]) -> dict[int, _P]:
     One that cannot be read here, of another release or of a package that is not installed, is left out: it keeps
     nobody from the other studies of the store.
     """
-    version = schema.protocol_version.c
-    query = select(version.id, version.toml).order_by(version.id)
-    every: dict[int, StudyProtocol] = {}
+    return {row: protocol for row, protocol in _protocols(connection).items() if isinstance(protocol, form)}
+
+
+def _protocols(connection: Connection) -> dict[int, StudyProtocol | BadInput]:
+    """Return every protocol by the row of its version, or why it cannot be read here."""
+    version, study = schema.protocol_version, schema.study
+    query = select(version, study.c.name.label("study")).join(study).order_by(version.c.id)
+    every: dict[int, StudyProtocol | BadInput] = {}
     for row in connection.execute(query):
-        with suppress(BadInput):
+        try:
             every[row.id] = parse_protocol(row.toml, StudyProtocol)
-    return {row: protocol for row, protocol in every.items() if isinstance(protocol, form)}
+        except BadInput as error:
+            every[row.id] = error.within(f"study {row.study!r}, version {row.number}")
+    return every
 
 
 RUNS_AT_ONCE = 1024
@@ -121,13 +104,14 @@ NO_INTERVALS = StoredIntervals(np.zeros(0, np.uint8), np.zeros(0), np.zeros(0))
 class StoredRun:
     """A stored run with its trials.
 
-    session, run: their rows. frequency_hz, levels_db_sl, curve_level_db_re_1um, correct: (trials,). intervals: of all.
-    void: the run, or trials of it, are not to be used. void_included: they are here all the same.
+    session, run: their rows. stored_protocol: its protocol, or why that cannot be read. frequency_hz, levels_db_sl,
+    curve_level_db_re_1um, correct: (trials,). intervals: of all. void: the run, or trials of it, are not to be used.
+    void_included: they are here all the same.
     """
 
     session: Found
     run: Found
-    protocol: Protocol
+    stored_protocol: Protocol | BadInput
     frequency_hz: FloatArray
     levels_db_sl: FloatArray
     curve_level_db_re_1um: FloatArray
@@ -135,6 +119,13 @@ class StoredRun:
     intervals: StoredIntervals
     void: bool = False
     void_included: bool = False
+
+    @property
+    def protocol(self) -> Protocol:
+        """Return the run's protocol. Raises BadInput where it cannot be read here."""
+        if isinstance(self.stored_protocol, BadInput):
+            raise self.stored_protocol
+        return self.stored_protocol
 
     @property
     def whole(self) -> bool:
@@ -155,8 +146,7 @@ class StoredRun:
 def detection_runs(store: Store, session: int | None = None, group: str | None = None) -> list[StoredRun]:
     """Return the runs that are done in all the store's studies, or in one session or group of subjects, in order.
 
-    Practice and what may not be used are left out, and runs of a protocol that cannot be read here. Raises BadInput
-    without any.
+    Practice and what may not be used are left out. Raises BadInput without any.
     """
     return sorted((run for part in required_parts(store, session, group) for run in part), key=in_order)
 
@@ -178,7 +168,8 @@ def in_order(run: StoredRun) -> tuple[int, int, int]:
 def detection_parts(store: Store, session: int | None = None, group: str | None = None) -> Iterator[list[StoredRun]]:
     """Yield what `detection_runs` returns in parts that are fitted at once, each of one protocol at one display."""
     with store.read() as connection:
-        protocols = stored_protocols(connection, Protocol)
+        every = _protocols(connection).items()
+        protocols = {row: protocol for row, protocol in every if isinstance(protocol, Protocol | BadInput)}
         sessions = {row.id: row for row in connection.execute(session_query())}
         wanted = _done(store, FORCED_CHOICE, session, group)
         done = select(schema.run).select_from(schema.RUNS).where(*wanted).order_by(*_IN_ORDER)
