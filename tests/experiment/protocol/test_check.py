@@ -2,6 +2,7 @@
 
 import math
 from contextlib import closing
+from functools import partial
 
 import numpy as np
 import pytest
@@ -35,6 +36,15 @@ intervals = {intervals}
 [[subject]]
 code = "S1"
 """
+TASKED = """
+[study]
+name = "judged"
+seed = 1
+[task]
+{task}
+[[subject]]
+code = "S1"
+"""
 RECOGNISING = """
 [study]
 name = "vowels"
@@ -63,6 +73,15 @@ def ruled(rule: str, intervals: int = 3, **others: str) -> str:
         assert line in text
         text = text.replace(line, new)
     return text
+
+
+def tasked(kind: str, *lines: str) -> str:
+    return TASKED.format(task="\n".join((f'kind = "{kind}"', *lines)))
+
+
+MAGNITUDES = partial(tasked, "magnitude-estimation", 'finger = "index"')
+PAIRS = partial(tasked, "matching", 'finger = "index"', 'method = "pairs"')
+FREQUENCIES = partial(tasked, "discrimination", 'of = "frequency"', 'fingers = ["index"]')
 
 
 def practised(text: str) -> str:
@@ -120,6 +139,53 @@ UNWORKABLE = {
     "two intervals of strength, 1 down 1 up": (judging(UP_DOWN + "down = 1", 2), "50.00 %"),
     "order of onsets, 1 down 1 up": (judging(UP_DOWN + "down = 1", 3, "order", '["index", "thumb"]'), "50.00 %"),
     "differences of a whole curve": (judging('kind = "curve"'), "task.procedure"),
+    "levels above all people": (ruled(UP_DOWN + "start_db_sl = 40\nfloor_db_sl = 38"), "lowest level is 38 dB"),
+    "levels of a curve below all people": (
+        ruled('kind = "curve"\nfloor_db_sl = -60\nceiling_db_sl = -50', at=""),
+        "highest level is -50 dB",
+    ),
+    "levels of QUEST+ below all people": (
+        ruled('kind = "quest-plus"\nlow_db_sl = -30\nhigh_db_sl = -20'),
+        "highest level is -20 dB",
+    ),
+    "a track that begins and ends below all people": (
+        ruled(UP_DOWN + "start_db_sl = -20\nceiling_db_sl = -15"),
+        "highest level is -15 dB",
+    ),
+    "differences that nobody notices": (
+        judging('kind = "quest-plus"\nlow_db_sl = -30\nhigh_db_sl = -20'),
+        "highest level is -20 dB",
+    ),
+    "magnitudes that the display does not play": (
+        MAGNITUDES("frequencies_hz = [250]", "levels_db_sl = [20, 54]"),
+        "tone of 54 dB SL at 250 Hz",
+    ),
+    "magnitudes that nobody feels": (
+        MAGNITUDES("frequencies_hz = [90]", "levels_db_sl = [-50, 20]"),
+        "-50 dB SL at 90",
+    ),
+    "magnitudes of one level": (MAGNITUDES("frequencies_hz = [90]", "levels_db_sl = [20, 20]"), "2 times"),
+    "a comparison that the display does not play": (
+        PAIRS("levels_db_sl = [54]", "comparisons_hz = [300]"),
+        "tone of 54 dB SL at 300 Hz",
+    ),
+    "contours that the display does not play": (
+        tasked("matching", 'finger = "index"', "levels_db_sl = [54]"),
+        "tone of 54 dB SL at 298",
+    ),
+    "no stronger tone": (
+        tasked(
+            "discrimination", 'of = "amplitude"', 'fingers = ["index"]', "frequencies_hz = [300]", "levels_db_sl = [50]"
+        ),
+        "0.",
+    ),
+    "no higher tone": (FREQUENCIES("frequencies_hz = [299]"), "0.334 % at most"),
+}
+BEYOND_BAND = {
+    "magnitudes": MAGNITUDES("frequencies_hz = [90, 900]"),
+    "pairs": PAIRS("comparisons_hz = [900]"),
+    "discrimination": FREQUENCIES("frequencies_hz = [900]"),
+    "detection": ruled(UP_DOWN, at="frequencies_hz = [900]"),
 }
 USUAL_OR_NOT = {
     "yes or no, 1 down 1 up": ruled(UP_DOWN + "down = 1", 1),
@@ -140,6 +206,8 @@ USUAL_OR_NOT = {
     ),
     "practice of twenty right": practised("practice_trials = 20\npractice_correct = 20\npractice_limit = 20"),
     "two intervals of frequency, 2 down 1 up": judging(UP_DOWN + "down = 2\nstart_db_sl = 30", 2, "frequency"),
+    "magnitudes at threshold": MAGNITUDES("frequencies_hz = [90]", "levels_db_sl = [-5, 0, 5]"),
+    "contours up to 50 dB SL": tasked("matching", 'finger = "index"'),
 }
 
 
@@ -155,6 +223,30 @@ def test_open_study__that_cannot_come_to_results__is_refused_and_enrols_nobody(t
             open_study(store, task_of(protocol, tmp_path, apparatus()), text, ObedientClock(), token)
         assert str(refused.value) == str(result.faults[0])
         assert not rows_of(store, schema.subject.select()) + rows_of(store, schema.study.select())
+
+
+@pytest.mark.parametrize("text", [*BEYOND_BAND.values()], ids=[*BEYOND_BAND])
+def test_check_protocol__frequency_beyond_the_band__is_refused(tmp_path, text) -> None:
+    (tmp_path / "protocol.toml").write_text(text)
+    with pytest.raises(BadInput, match=r"900 Hz on finger 'index'; expected 0\.4 to 300 Hz"):
+        check_protocol(tmp_path / "protocol.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "end"),
+    [
+        (ruled(UP_DOWN + "floor_db_sl = 8"), "lowest level is 8 dB"),
+        (ruled(UP_DOWN + "start_db_sl = 5\nceiling_db_sl = 5"), "highest level is 5 dB"),
+        (ruled('kind = "quest-plus"\nhigh_db_sl = 5'), "highest level is 5 dB"),
+        (ruled('kind = "curve"\nfloor_db_sl = -5', at=""), "lowest level is -5 dB"),
+        (judging(UP_DOWN + "floor_db_sl = 5"), "lowest level is 5 dB"),
+    ],
+)
+def test_check_protocol__levels_end_among_peoples_thresholds__warns(tmp_path, text: str, end: str) -> None:
+    (tmp_path / "protocol.toml").write_text(text)
+    result = check_protocol(tmp_path / "protocol.toml")
+    assert result.holds
+    assert [warning.endswith(end) for warning in result.warnings if "expected at" in warning] == [True]
 
 
 @pytest.mark.parametrize("text", [*USUAL_OR_NOT.values()], ids=[*USUAL_OR_NOT])

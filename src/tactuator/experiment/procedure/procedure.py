@@ -19,7 +19,7 @@ from tactuator.arrays import FloatArray
 from tactuator.entry_points import plugin, plugins
 from tactuator.errors import BadInput
 from tactuator.parameters import from_table, table
-from tactuator.perception.curve import LOWEST_DB_SL
+from tactuator.perception.curve import COMFORT_DB_SL, LOWEST_DB_SL
 from tactuator.perception.psychometric import TARGET_3_DOWN_1_UP, weibull_rise
 
 GROUP = "tactuator.procedures"
@@ -33,6 +33,9 @@ ATTENTIVE_LAPSE, USUAL_LAPSE = 0.02, 0.04
 """Lapse rates of an attentive person, and of one who is less so: no rule may settle where the latter never come."""
 _POINT_DIGITS = 1e-3
 """Digits of a balance point, in percent, that its numerical solution leaves open."""
+PEOPLE_DB = 10.0
+"""Two standard deviations of people's thresholds about the display's curve, rounded: `normal_offset_db`, the tilt and
+the wave of the normal curves in the prior of `curve`."""
 START_ABOVE_DB = 20.0
 """Level of the first trial above the threshold that the experimenter expects, as in the paper."""
 
@@ -114,6 +117,28 @@ class Procedure:
         """Return the lowest level that a run may reach: its key `floor_db_sl`, or `low_db_sl`."""
         return float(getattr(self, "floor_db_sl", getattr(self, "low_db_sl", LOWEST_DB_SL)))
 
+    @property
+    def highest_db_sl(self) -> float:
+        """Return the highest level that a run may reach: its key `ceiling_db_sl`, or `high_db_sl`."""
+        return float(getattr(self, "ceiling_db_sl", getattr(self, "high_db_sl", COMFORT_DB_SL)))
+
+    def warnings(self) -> Iterator[str]:
+        """Yield which end of the levels lies among people's thresholds, so that it bounds those of some."""
+        if not any(self._out_of_reach(-PEOPLE_DB)):
+            yield from self._out_of_reach(PEOPLE_DB)
+
+    def _out_of_reach(self, spread_db: float) -> Iterator[str]:
+        """Yield each end of the levels that does not reach so far beyond the expected threshold.
+
+        A low first level makes nobody more sensitive: the highest level is to reach the display's curve in any case.
+        """
+        least, told = self.expected_threshold(), f"thresholds are expected at {{:g}} ± {PEOPLE_DB:g} dB; the"
+        most = max(least, 0.0)
+        if least - spread_db < self.lowest_db_sl:
+            yield f"{told.format(least)} lowest level is {self.lowest_db_sl:g} dB"
+        if most + spread_db > self.highest_db_sl:
+            yield f"{told.format(most)} highest level is {self.highest_db_sl:g} dB"
+
     def faults(self, guess: float) -> Iterator[BadInput]:
         """Yield every reason why no run can reach a threshold, whatever the answers. guess: as `begin` takes it."""
         lowest, highest = 100.0 * guess, 100.0 * (1.0 - USUAL_LAPSE)
@@ -122,6 +147,7 @@ class Procedure:
             yield BadInput(f"{self.kind} that settles at {100.0 * self.point:.2f} % correct", allowed)
         if self.most_trials < FEWEST_TRIALS:
             yield BadInput(f"{self.kind} of {self.most_trials:g} trials at most", f"{FEWEST_TRIALS} or more")
+        yield from map(BadInput, self._out_of_reach(-PEOPLE_DB))
 
     def begin(self, guess: float = GUESS, playable: Playable = PLAYABLE, count: int = 1) -> Runs:
         """Return so many fresh runs over what can be played. guess: probability of a right answer without feeling."""

@@ -64,6 +64,9 @@ class QuestPlus(Procedure):
     def expecting(self, threshold_db_sl: float) -> QuestPlus:
         return replace(self, expected_db_sl=threshold_db_sl)
 
+    def below(self, ceiling_db_sl: float) -> QuestPlus:
+        return replace(self, high_db_sl=min(self.high_db_sl, ceiling_db_sl))
+
 
 class Tables:
     """Tables of a procedure: psi and its entropy for every parameter at every level, and the prior.

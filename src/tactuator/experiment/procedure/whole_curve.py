@@ -64,6 +64,9 @@ class WholeCurve(Procedure):
         """Return the prior of curves over what can be played."""
         return CurvePrior(**vars(self.prior), **vars(playable), points=self.points)
 
+    def expected_threshold(self) -> float:
+        return 0.0
+
     def places(self, playable: Playable) -> FloatArray:
         return self.prior_at(playable).frequency_hz
 

@@ -121,9 +121,7 @@ class Protocol(StudyProtocol):
 
     def warnings(self) -> Iterator[str]:
         yield from super().warnings()
-        lowest, expected = self.procedure.lowest_db_sl, self.procedure.expected_threshold()
-        if expected < lowest:
-            yield f"thresholds are expected at {expected:g} dB SL, below the lowest level, {lowest:g} dB SL"
+        yield from self.procedure.warnings()
 
     def faults(self) -> Iterator[BadInput]:
         yield from self.procedure.faults(self.paradigm.guess)

@@ -8,7 +8,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import PlannedRun, RunRules, StudyProtocol, further
 from tactuator.experiment.task.task import Task, parse_task
 from tactuator.experiment.trial import Marks, Timing
@@ -37,8 +36,9 @@ class JudgingProtocol(StudyProtocol):
     def asks(self) -> str:
         return self.task.kind
 
-    def faults(self) -> Iterator[BadInput]:
-        return self.task.faults()
+    def warnings(self) -> Iterator[str]:
+        yield from super().warnings()
+        yield from self.task.warnings()
 
     def parts(self, words: Words) -> tuple[PlannedRun, ...]:
         return tuple(

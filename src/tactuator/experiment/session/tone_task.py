@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -14,7 +16,7 @@ from sqlalchemy import Connection, select
 from tactuator.arrays import FloatArray
 from tactuator.errors import BadInput
 from tactuator.experiment.presenter import PlayedInterval, Presenter, Watch, amplitude
-from tactuator.experiment.procedure.procedure import Playable
+from tactuator.experiment.procedure.procedure import PEOPLE_DB, Playable
 from tactuator.experiment.protocol.detection import Protocol
 from tactuator.experiment.protocol.judging import JudgingProtocol
 from tactuator.experiment.protocol.study import PlannedRun
@@ -53,13 +55,36 @@ class Listener(typing.Protocol):
 
 @dataclass(frozen=True)
 class ToneTask(SessionTask):
-    """A protocol whose trials play tones, at an apparatus. Raises BadInput for marks on a channel that is not there."""
+    """A protocol whose trials play tones, at an apparatus.
+
+    Raises BadInput for marks on a channel, or tones on a finger, that is not there, and for tones beyond its band.
+    """
 
     protocol: Protocol | JudgingProtocol
 
     def __post_init__(self) -> None:
         if self.protocol.marks is not None:
             self.protocol.marks.end(self.apparatus.rig.rate_hz, self.apparatus.rig.channels)
+        for finger, hertz in self.places():
+            low, high = self.apparatus.channel(finger).threshold.band_hz
+            if not low <= hertz <= high:
+                raise BadInput(f"{hertz:g} Hz on finger {finger!r}", f"{low:g} to {high:g} Hz")
+
+    def places(self) -> Iterable[tuple[str, float]]:
+        """Return finger and frequency of every tone that the file places."""
+        raise NotImplementedError
+
+    def levels(self) -> Iterator[tuple[str, str, float, float]]:
+        """Yield what a level is that the file sets, its finger and frequency, and the level."""
+        raise NotImplementedError
+
+    def faults(self) -> Iterator[BadInput]:
+        yield from super().faults()
+        for what, finger, hertz, level in dict.fromkeys(self.levels()):
+            most = self.apparatus.highest_db_sl(finger, hertz)
+            if level > most:
+                got = f"{what} of {level:g} dB SL at {hertz:g} Hz on finger {finger!r}"
+                yield BadInput(got, f"{most:.1f} dB SL at most, which the display plays there")
 
     def fingers(self, planned: PlannedRun) -> tuple[str, ...]:
         """Return the fingers that a run stimulates."""
@@ -143,7 +168,25 @@ class JudgingTask(ToneTask):
     def place(self) -> Place:
         """What the task's runs are played on."""
         timing = self.protocol.timing
-        return Place(self.apparatus.playable(timing), timing)
+        return Place(self.apparatus.playable(timing), timing, self.apparatus.highest_db_sl)
+
+    def places(self) -> Iterable[tuple[str, float]]:
+        return dict.fromkeys((tone.finger, tone.frequency_hz) for tone in self.protocol.task.placed(self.place))
+
+    def levels(self) -> Iterator[tuple[str, str, float, float]]:
+        for tone in self.protocol.task.placed(self.place):
+            yield "tone", tone.finger, tone.frequency_hz, tone.level_db_sl
+
+    def faults(self) -> Iterator[BadInput]:
+        yield from super().faults()
+        tones = Counter(self.protocol.task.placed(self.place))
+        for tone, count in tones.items():
+            got = f"tone of {tone.level_db_sl:g} dB SL at {tone.frequency_hz:g} Hz on finger {tone.finger!r}"
+            if count > 1:
+                yield BadInput(f"{got} occurs {count} times", "each once")
+            if tone.level_db_sl < -PEOPLE_DB:
+                yield BadInput(got, f"{-PEOPLE_DB:g} dB SL or more: nobody feels less")
+        yield from self.protocol.task.faults(self.place)
 
     @property
     def question(self) -> Question:
@@ -205,27 +248,22 @@ class DetectionTask(ToneTask):
     def __post_init__(self) -> None:
         super().__post_init__()
         protocol, rig = self.protocol, self.apparatus.rig
-        for finger in protocol.conditions.fingers:
-            low, high = self.apparatus.channel(finger).threshold.band_hz
-            for frequency in protocol.conditions.frequencies_hz:
-                if not low <= frequency <= high:
-                    raise BadInput(f"{frequency:g} Hz on finger {finger!r}", f"{low:g} to {high:g} Hz")
         if protocol.masker is not None and protocol.masker.channel not in (None, *rig.channels):
             raise BadInput(f"masker: channel {protocol.masker.channel!r}", f"{', '.join(rig.channels)}")
 
-    def faults(self) -> Iterator[BadInput]:
-        yield from super().faults()
+    def places(self) -> Iterable[tuple[str, float]]:
+        conditions = self.protocol.conditions
+        return itertools.product(conditions.fingers, conditions.frequencies_hz or (self.apparatus.middle_hz,))
+
+    def levels(self) -> Iterator[tuple[str, str, float, float]]:
         first = self.protocol.begin(self.apparatus.playable(self.protocol.timing)).placement()
         level, places = (-math.inf, None) if first is None else (first.level_db_sl, first.frequency_hz)
         rules = self.protocol.session
         practised = [("practice", rules.practice_level_db_sl)] if rules.practice_trials else []
         for finger in self.protocol.conditions.fingers:
             for hertz in self.protocol.frequencies_hz or (places or self.apparatus.middle_hz,):
-                most = self.apparatus.highest_db_sl(finger, hertz)
                 for what, highest in (("first level", level), *practised):
-                    if highest > most:
-                        got = f"{what} of {highest:g} dB SL at {hertz:g} Hz on finger {finger!r}"
-                        yield BadInput(got, f"{most:.1f} dB SL at most, which the display plays there")
+                    yield what, finger, hertz, highest
 
     @property
     def question(self) -> Question:

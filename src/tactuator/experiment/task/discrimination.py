@@ -7,6 +7,7 @@ finds is the just-noticeable difference, at the share of right answers that it a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -35,6 +36,8 @@ _START_DB = {"amplitude": 20.0, "frequency": 36.0, "gap": 40.0, "order": 44.0}
 _TARGET, _BASE = "target", "base"
 _JND_PRIOR = {"slope_median": 1.5}
 """Slopes in the refit: where d' is in proportion to the difference, the Weibull's is near 1.4."""
+_LEAST = 1.0
+"""Greatest difference where none can be played."""
 _LONGEST_SHARE = 0.8
 """Longest gap, as a share of the tone around it."""
 
@@ -68,18 +71,38 @@ class Discrimination(Task):
         """Return the probability of a right guess."""
         return 0.5 if self.of == "order" else 1.0 / self.intervals
 
-    def rule(self, level_db_sl: float) -> Procedure:
+    @property
+    def rule(self) -> Procedure:
         """Return the procedure: by default the paper's rule from a difference that anyone notices."""
-        procedure = UpDown(start_db_sl=_START_DB[self.of]) if self.procedure is None else self.procedure
-        if self.of != "amplitude":
-            return procedure
-        return procedure.below(20.0 * float(np.log10(max(COMFORT_DB_SL - level_db_sl, 1.0))))
+        return UpDown(start_db_sl=_START_DB[self.of]) if self.procedure is None else self.procedure
 
-    def faults(self) -> Iterator[BadInput]:
-        rule = self.rule(min(self.levels_db_sl))
+    def greatest(self, hertz: float, level_db_sl: float, place: Place, most_db_sl: float = COMFORT_DB_SL) -> float:
+        """Return the greatest difference from such a tone that can be played. most_db_sl: the highest level."""
+        if self.of == "amplitude":
+            return most_db_sl - level_db_sl
+        if self.of == "frequency":
+            return 100.0 * (place.playable.band_hz[1] / hertz - 1.0)
+        return 1e3 * _LONGEST_SHARE * place.timing.duration_s(hertz) if self.of == "gap" else math.inf
+
+    def warnings(self) -> Iterator[str]:
+        yield from self.rule.warnings()
+
+    def faults(self, place: Place) -> Iterator[BadInput]:
+        rule, unit = self.rule, UNITS[self.of]
         if rule.chooses_frequency:
             yield BadInput(f"{rule.kind}, which chooses frequencies", "a procedure of levels", key="task.procedure")
         yield from rule.faults(self.guess)
+        least = float(from_db(rule.expected_threshold()))
+        for finger, hertz, level in self._cells():
+            most = self.greatest(hertz, level, place, place.highest_db_sl(finger, hertz))
+            if most <= least:
+                got = f"{most:.3g} {unit} at most between tones of {hertz:g} Hz at {level:g} dB SL on finger {finger!r}"
+                yield BadInput(got, f"more than {least:.3g} {unit}, where the threshold is expected")
+
+    def placed(self, place: Place) -> Iterator[Tone]:
+        for finger, hertz, level in self._cells():
+            for each in self.fingers if self.of == "order" else (finger,):
+                yield Tone(_BASE, each, hertz, level + self.rove_db)
 
     def asked(self, words: Words) -> TaskPrompt:
         prompt = words(f"prompt.{_PROMPTS[self.of]}")
@@ -103,14 +126,15 @@ class Discrimination(Task):
                 finger,
                 hertz,
                 words("run.hertz_at", hertz=f"{hertz:g}", level=f"{level:g}"),
-                self.rule(level).typical_trials,
+                self.rule.typical_trials,
             )
             for finger, hertz, level in self._cells()
         )
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> DiscriminationRun:
         finger, hertz, level = self._cells()[index]
-        procedure = self.rule(level).begin(self.guess, place.playable)
+        most = max(self.greatest(hertz, level, place), _LEAST)
+        procedure = self.rule.below(20.0 * math.log10(most)).begin(self.guess, place.playable)
         return DiscriminationRun(seed, procedure, self, finger, hertz, level, place)
 
     def response_to(self, trial: Trial, felt_db_sl: Sequence[float]) -> str:
@@ -146,7 +170,7 @@ class Discrimination(Task):
         bases = [t.level_db_sl for trial in run.trials for t in trial.tones if t is not None and t.role == _BASE]
         middle = float(np.median(bases)) if bases else self.levels_db_sl[0]
         base = min(self.levels_db_sl, key=lambda level: abs(level - middle))
-        fitted = refit(levels, correct, RefitPrior(guess=self.guess, target=self.rule(base).point, **_JND_PRIOR))
+        fitted = refit(levels, correct, RefitPrior(guess=self.guess, target=self.rule.point, **_JND_PRIOR))
         values = (fitted.threshold_db[0], fitted.low_db[0], fitted.high_db[0])
         return Difference(base, Measured(*(float(from_db(value)) for value in values)))
 

@@ -7,7 +7,7 @@ that of the amplitude (Stevens 1968).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -54,6 +54,9 @@ class MagnitudeEstimation(Task):
         """Return every tone once."""
         cells = ((hertz, level) for hertz in self.frequencies_hz for level in self.levels_db_sl)
         return tuple(Tone(_ROLE, self.finger, hertz, level) for hertz, level in cells)
+
+    def placed(self, place: Place) -> Iterator[Tone]:
+        yield from self.tones
 
     def plans(self, words: Words) -> tuple[Planned, ...]:
         return (Planned(self.finger, None, words("run.magnitudes"), float(len(self.tones) * self.repeats)),)

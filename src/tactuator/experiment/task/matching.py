@@ -138,6 +138,15 @@ class Matching(Task):
         clear = off_mains(hertz, playable.mains_hz, playable.clearance_hz, band)
         return Candidates(clear[np.abs(clear - self.frequency_hz) > _SAME_HZ], np.array(self.levels_db_sl))
 
+    def placed(self, place: Place) -> Iterator[Tone]:
+        """Yield the standards, and each comparison at their levels, where it may be as strong."""
+        of_contour = self._candidates(place).frequency_hz.tolist() if self.method == "contour" else ()
+        frequencies = self.comparisons_hz or of_contour
+        cells = [(finger, hertz) for finger in self.fingers_compared for hertz in frequencies]
+        for level in self.levels_db_sl:
+            yield Tone(STANDARD, self.finger, self.frequency_hz, level)
+            yield from (Tone(COMPARISON, finger, hertz, level) for finger, hertz in cells)
+
     def match(self, number: int, finger: str, placed: Placed, swapped: bool, second: bool) -> Trial:
         """Return the trial of a match. swapped: the comparison serves as standard. second: it is in interval 2.
 

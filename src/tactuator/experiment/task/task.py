@@ -8,7 +8,7 @@ simulated people, export) is the same for all of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -18,6 +18,7 @@ from tactuator.experiment.procedure.procedure import Playable, Runs
 from tactuator.experiment.trial import Timing, Tone, Trial, number_of
 from tactuator.experiment.words import Words
 from tactuator.parameters import from_table, table
+from tactuator.perception.curve import COMFORT_DB_SL
 from tactuator.result import Chart, ResultTable
 
 GROUP = "tactuator.tasks"
@@ -35,10 +36,13 @@ class Planned:
 
 @dataclass(frozen=True)
 class Place:
-    """What a run is played on: the range of its stimuli, and the times of a trial."""
+    """What a run is played on: the range of its stimuli, the times of a trial, and the display's highest level on a
+    finger at a frequency.
+    """
 
     playable: Playable
     timing: Timing
+    highest_db_sl: Callable[[str, float], float] = lambda finger, hertz: COMFORT_DB_SL
 
 
 Picture = Mapping[str, object]
@@ -201,8 +205,16 @@ class Task:
         """Return the runs of a session, whose order is the subject's own."""
         raise NotImplementedError
 
-    def faults(self) -> Iterator[BadInput]:
-        """Yield every reason why no run can reach a result, whatever the answers."""
+    def placed(self, place: Place) -> Iterator[Tone]:
+        """Yield every tone that the keys place, once for each time they do."""
+        yield from ()
+
+    def warnings(self) -> Iterator[str]:
+        """Yield what the results will lack."""
+        yield from ()
+
+    def faults(self, place: Place) -> Iterator[BadInput]:
+        """Yield every reason why no run can reach a result there, whatever the answers."""
         yield from ()
 
     def begin(self, index: int, place: Place, seed: tuple[int, ...]) -> TaskState:
