@@ -6,9 +6,11 @@ How long an Escape takes is told by `witnesses.stop.escape`: a time on a machine
 from contextlib import closing
 
 import pytest
+from playwright.sync_api import expect
 
 from tactuator.experiment.protocol.file import Protocol, parse_protocol
 from tactuator.experiment.trial import ForcedChoice
+from tactuator.experiment.words import shipped_words
 from tests.experiment.session.apparatuses import PROTOCOL, controller
 from tests.web.killing import of_first, undisturbed
 from tests.web.study import Subject, asked, kills_and_finish, page, start, started, visible, watch_errors  # noqa: F401  # noqa: F401
@@ -208,6 +210,41 @@ def test_operator__on_a_phone_and_at_200_percent__has_every_button_on_the_screen
         assert all(box["x"] >= 0 and box["x"] + box["width"] <= wide for box in boxes)
 
 
+INVALID = "[...document.querySelectorAll('[aria-invalid=true]')].map((one) => one.name || one.dataset.demographic)"
+FACT = '[[demographic]]\nname = "pta"\nlabel = "PTA"\nkind = "number"\nlow = -20\nhigh = 120\nrequired = true\n'
+
+
+@pytest.mark.parametrize("language", ["de", "he"])
+def test_operator__form_with_what_is_not_allowed__is_refused_in_the_pages_words_at_its_field(
+    start, page, language
+) -> None:
+    words = shipped_words(language)
+    text = ONE.replace("seed = 7", f'seed = 7\nlanguage = "{language}"') + "demographics = {pta = 5}\n" + FACT
+    page.goto(start(text, controller()).addresses["operator"])
+    page.locator("#enrol summary").click()
+    enrol, number = page.locator("#enrol-form"), {"low": "-20", "high": "120"}
+
+    def refused(form, field: str, label: str, key: str, **values: object) -> None:
+        form.locator("button").first.click()
+        allowed = words(f"operator.allowed_{key}", **values)
+        reason = words("operator.refused_field", field=label, allowed=allowed)
+        expect(page.locator("#banner")).to_have_text(words("operator.refused", reason=reason))
+        expect(form.locator("[aria-invalid=true]")).to_have_count(1)
+        assert page.evaluate(INVALID) == [field]
+
+    refused(enrol, "code", words("operator.code"), "code")
+    enrol.locator("[name=code]").fill("a b")
+    refused(enrol, "code", words("operator.code"), "code")
+    enrol.locator("[name=code]").fill("C1")
+    refused(enrol, "pta", "PTA", "number", **number)
+    enrol.locator("[data-demographic=pta]").fill("120")
+    enrol.locator("button").click()
+    page.locator("[data-day=C1]").click()
+    assert page.evaluate(INVALID) == []
+    for form in (1, 2):  # the correction, and what is left out
+        refused(page.locator("form.day").nth(form), "reason", words("operator.reason"), "text", most=200)
+
+
 MARKS = {
     **dict.fromkeys(("going on", "interval 2", "feedback", "after a pause"), ()),
     **dict.fromkeys(("interval 1", "interval 3"), pytest.mark.soak),  # as interval 2, but for the lamp
@@ -281,7 +318,8 @@ def test_page__without_eyes__is_read_from_consent_to_answer(start, page) -> None
     assert names(page, "textbox") == ["Your name"]
     assert {"I agree (Enter)", "I do not agree"} <= set(names(page, "button"))
     page.locator("#name").press("Enter")
-    assert page.evaluate("page.stage") == "consent"  # the name is missing
+    expect(page.locator("#banner")).to_have_text("Please enter your name, without control characters.")
+    assert page.evaluate("page.stage") == "consent"
     page.locator("#name").fill("Ada Example")
     page.locator("#name").press("Enter")
     visible(page, "Which interval has the vibration?")

@@ -138,7 +138,8 @@ def test_operator__field_that_is_not_allowed__is_named_with_what_is_in_the_langu
     lab = make(text.replace("[[subject]]", "[[subject]]\ndemographics = {age = 30}") + FACTS)
     enrol, correct = {"type": "enrol", "code": "N1"}, {"type": "correct", "subject": "S1", "reason": "heard wrongly"}
     void = {"type": "void", "session": 1, "void": True}
-    number, force, trial = {"low": 18, "high": 99}, {"low": 0, "high": 1000}, {"low": 0, "high": 2**31}
+    day, skin = {"type": "day", "session": 1}, {"low": 0, "high": 50}
+    number, force, trial = {"low": 18, "high": 99}, {"low": 0, "high": 1000}, {"low": 0, "high": 2**31 - 1}
     wrong = [
         (enrol, "AGE", "number", number),
         (enrol | {"demographics": {"age": "17"}}, "AGE", "number", number),
@@ -147,13 +148,18 @@ def test_operator__field_that_is_not_allowed__is_named_with_what_is_in_the_langu
         (correct | {"demographics": {"age": " "}}, "AGE", "number", number),
         (correct | {"demographics": {"hand": "both"}}, "HAND", "choice", {"choices": "R, L"}),
         (correct | {"demographics": {"note": "n" * 201}}, "NOTE", "text", {"most": 200}),
+        (correct | {"demographics": {"note": "a\x07b"}}, "NOTE", "text", {"most": 200}),
+        (correct | {"reason": "a\x07b"}, words("operator.reason"), "text", {"most": 200}),
+        (void | {"reason": "a\x07b"}, words("operator.reason"), "text", {"most": 200}),
+        (void | {"reason": "why", "trial": str(2**31)}, words("operator.trial"), "number", trial),
+        (day | {"skin_temperature_c": "50,1"}, words("operator.skin_temperature"), "number", skin),
         (enrol | {"code": "N 1"}, words("operator.code"), "code", {}),
         (enrol | {"group": "?"}, words("operator.group"), "group", {}),
         (enrol | {"participant_id": "a b"}, words("operator.participant_id"), "participant_id", {}),
         (correct | {"reason": ""}, words("operator.reason"), "text", {"most": 200}),
         (void | {"reason": " "}, words("operator.reason"), "text", {"most": 200}),
         (void | {"reason": "why", "run": 1, "trial": "x"}, words("operator.trial"), "number", trial),
-        ({"type": "day", "session": 1, "preload_n": "0,5 N"}, words("operator.contact_force"), "number", force),
+        (day | {"preload_n": "0,5 N"}, words("operator.contact_force"), "number", force),
     ]  # fmt: skip
     with at_pages(lab, "operator") as (socket,):
         for message, field, key, values in wrong:
@@ -167,6 +173,27 @@ def test_operator__field_that_is_not_allowed__is_named_with_what_is_in_the_langu
         socket.send_json(correct | {"group": "1E5", "demographics": {"note": "NA"}})
         said = words("codes.number", code="1E5", value="100000"), words("codes.missing", code="NA")
         assert until(socket, "done")["message"] == "; ".join(said)
+
+
+@pytest.mark.parametrize("language", ["de", "en", "fr", "he"])
+def test_operator__code_or_id_that_is_taken__is_refused_at_its_field(make, language) -> None:
+    words = shipped_words(language)
+    text = PROTOCOL.replace("seed = 7", f'seed = 7\nlanguage = "{language}"')
+    lab = make(text.replace("[[subject]]", '[[subject]]\nparticipant_id = "p1"', 1))
+    with at_pages(lab, "operator") as (socket,):
+        for field, key, given in (("code", "taken", "S1"), ("participant_id", "id_taken", "p1")):
+            socket.send_json({"type": "enrol", "code": "N1", field: given})
+            said = words("operator.refused", reason=words(f"operator.refused_{key}", code=given))
+            assert until(socket, "refused") == {"type": "refused", "message": said, "field": field}
+    assert words("operator.code").casefold() in words("operator.refused_taken", code="S1").casefold()
+    assert "--" not in words("operator.allowed_number", low=-20, high=120)
+
+
+@pytest.mark.parametrize("edge", ["0", "50"])
+def test_operator__skin_temperature_at_the_end_of_its_range__is_taken(make, edge) -> None:
+    with at_pages(make(), "operator") as (socket,):
+        socket.send_json({"type": "day", "session": 1, "skin_temperature_c": edge})
+        assert until(socket, "done")["message"] == ""
 
 
 def test_operator__part_made_void_and_restored__is_that_of_the_command_and_closes_the_page_of_the_visit(make) -> None:

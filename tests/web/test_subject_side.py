@@ -45,6 +45,16 @@ def events(lab):
     return [row.kind for row in rows_of(lab.store, select(schema.event).order_by(schema.event.c.id))]
 
 
+@pytest.mark.parametrize("name", ["", " ", "Ada\x07"])
+def test_consent__name_that_is_not_allowed__is_refused_in_the_pages_words(make, name) -> None:
+    named = make(PROTOCOL.replace("[study]", '[study]\nlanguage = "de"\nconsent_by = "name"'))
+    with at_pages(named, "S1") as (socket,):
+        stage(socket, "consent")
+        socket.send_json({"type": "consent", "name": name})
+        assert until(socket, "refused")["said"] == shipped_words("de")("page.refused_name")
+        assert rows_of(named.store, select(schema.session.c.consented_utc)) == [(None,), (None,)]
+
+
 def test_consent__given_or_declined__is_stored_or_ends_the_session(make) -> None:
     lab = make(PROTOCOL.replace('consent = "', 'consent_version = "2026-03"\nconsent = "'))
     with at_pages(lab, "S1", "S2") as (socket, other):

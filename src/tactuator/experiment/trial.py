@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -210,6 +211,17 @@ class Trial:
         if response not in self.responses:
             raise BadInput(f"response {response!r}", f"{', '.join(self.responses)}")
         return response == self.correct
+
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+"""What no free text of a store has: a server refuses some of it, exports would have it and spreadsheets stop at it."""
+
+
+def without_controls(text: str) -> str:
+    """Return a free text. Raises BadInput for one with a control character."""
+    if _CONTROL.search(text):
+        raise BadInput(f"the text {text[:60]!r} has a control character", "a text without")
+    return text
 
 
 def typed_number(text: str) -> float:

@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    TypeAdapter,
+    ValidationError,
+)
 
 from tactuator.errors import BadInput
 from tactuator.experiment.protocol.study import Celsius, Code, Group, ParticipantId
-from tactuator.experiment.trial import typed_number
+from tactuator.experiment.trial import typed_number, without_controls
 
 Milliseconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
 Short = Annotated[str, StringConstraints(max_length=200)]
+Reason = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(without_controls)
+]
 _INTERVALS_MAX = 9
 _Kind = TypeVar("_Kind")
 
@@ -98,7 +110,7 @@ class Correct(_Message):
 
     type: Literal["correct"]
     subject: Code
-    reason: Annotated[str, StringConstraints(min_length=1, max_length=200)]
+    reason: Reason
     group: Group | None = None
     participant_id: ParticipantId | None = None
     demographics: dict[Short, Short] = Field(default={}, max_length=50)
@@ -126,7 +138,7 @@ class SetVoid(_Message):
         None
     )
     void: bool
-    reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+    reason: Reason
 
 
 OperatorMessage = Command | Enrol | NewVisit | Correct | Day | SetVoid

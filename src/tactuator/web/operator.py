@@ -39,10 +39,13 @@ _FIELDS: Mapping[str, tuple[str, str, Mapping[str, object]]] = {
     "reason": ("operator.reason", "operator.allowed_text", {"most": 200}),
     "skin_temperature_c": ("operator.skin_temperature", "operator.allowed_number", {"low": 0, "high": 50}),
     "preload_n": ("operator.contact_force", "operator.allowed_number", {"low": 0, "high": 1000}),
-    "trial": ("operator.trial", "operator.allowed_number", {"low": 0, "high": 2**31}),
+    "trial": ("operator.trial", "operator.allowed_number", {"low": 0, "high": 2**31 - 1}),
 }
 """Text of each field of a form by its name in a message, and of what is allowed there with its values."""
 _FACT = "demographics."
+
+_SAID = "page"
+"""Outermost place of a refusal of a field whose words are the page's own."""
 
 
 class OperatorPage:
@@ -84,8 +87,9 @@ class OperatorPage:
                 text = await receive_text(self.socket)
                 await self._handle(message_of(FROM_OPERATOR, text, "command"))
             except (BadInput, LabFault) as error:
-                place = error.where[-1] if isinstance(error, BadInput) and error.where else ""
-                reason = self._reason(place) or error
+                where = error.where if isinstance(error, BadInput) else ()
+                place = where[-1] if where else ""
+                reason = error.args[0] if _SAID in where else self._reason(place) or error
                 said = {"message": self.lab.words("operator.refused", reason=reason), "field": place.rpartition(".")[2]}
                 await send(self.socket, {"type": "refused", **said})
 
@@ -173,9 +177,10 @@ class OperatorPage:
         code = message.code if isinstance(message, Enrol) else message.subject
         others = [row for row in self.lab.sessions if new or row.subject_code != code]
         if new and any(row.subject_code == code for row in others):
-            raise BadInput(words("operator.refused_taken", code=code))
+            raise BadInput(words("operator.refused_taken", code=code), where=(_SAID, "code"))
         if message.participant_id is not None and message.participant_id in {row.participant_id for row in others}:
-            raise BadInput(words("operator.refused_id_taken", code=message.participant_id))
+            said = words("operator.refused_id_taken", code=message.participant_id)
+            raise BadInput(said, where=(_SAID, "participant_id"))
 
     async def _day(self, day: Day) -> None:
         if all(row.id != day.session for row in self.lab.sessions):

@@ -10,7 +10,7 @@ from pydantic import Field, StringConstraints
 
 from tactuator.errors import BadInput, within
 from tactuator.experiment.protocol.codes import doubts
-from tactuator.experiment.trial import typed_number
+from tactuator.experiment.trial import typed_number, without_controls
 from tactuator.experiment.words import COLUMNS, Words, shipped_words
 from tactuator.parameters import Flag, NotNegative, Number, Positive, Seconds, Whole, Wording, table
 from tactuator.perception.curve import POINTS_MIN
@@ -27,7 +27,7 @@ ParticipantId = Annotated[
 _SEED_MAX = 2**53
 
 
-Celsius = Annotated[Positive, Field(lt=50.0)]
+Celsius = Annotated[NotNegative, Field(le=50.0)]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
@@ -103,6 +103,9 @@ class Demographic:
             raise BadInput(repr(text), ", ".join(self.choices), key=self.name)
         if self.kind == "text" and len(text) > 200:
             raise BadInput(f"{self.name} has {len(text)} characters", "200 at most")
+        if self.kind == "text":
+            with within(self.name):
+                return without_controls(text)
         if self.kind == "number":
             low, high = (-1e12 if self.low is None else self.low), (1e12 if self.high is None else self.high)
             with within(self.name):

@@ -6,7 +6,6 @@ import fcntl
 import importlib.util
 import logging
 import os
-import re
 import sqlite3
 import stat
 import struct
@@ -24,6 +23,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError
 
 from tactuator.errors import BadInput, StoreFault
 from tactuator.experiment.store import schema
+from tactuator.experiment.trial import without_controls
 from tactuator.io.atomic import atomic_path
 from tactuator.io.kinds import require_kind
 
@@ -162,15 +162,11 @@ _DAMAGED: tuple[type[Exception], ...] = (DBAPIError, sqlite3.DatabaseError, Unic
 """What a damaged file raises; SQLite's own message can hold bytes of it that are no text."""
 
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
-"""What no free text of a store has: a server refuses some of it, exports would have it and spreadsheets stop at it."""
-
-
 def _refuse_controls(_connection: Any, _cursor: Any, _statement: str, given: Any, *_: Any) -> None:
     rows = given if isinstance(given, list) else [given]
     for value in (value for row in rows for value in (row.values() if isinstance(row, dict) else row)):
-        if isinstance(value, str) and _CONTROL.search(value):
-            raise BadInput(f"the text {value[:60]!r} has a control character", "a text without")
+        if isinstance(value, str):
+            without_controls(value)
 
 
 class Store:

@@ -1,7 +1,7 @@
 "use strict";
 // The operator's panel: a study, its sessions, and the run at the rig. Its own page shows it, and so does the console.
 let shown = "", asks = "", dayOf = null, link = null;
-let accepted = () => {}; // what becomes of the form that was sent, once it is not refused
+let sent = null; // the form that was sent, and what becomes of it once it is not refused
 const refused = { text: "", until: 0 }; // a refusal stays for a while, though snapshots come every second
 
 // Connects the panel that is in the page; token: the operator's; gone: called where the study is not open any more.
@@ -16,12 +16,8 @@ function openOperator(token, gone = () => banner(word("lost"))) {
       if (over) return;
       if (message.type === "snapshot") show(message);
       else if (message.type === "results") results(message);
-      else if (message.type === "done") { say(message.message); accepted(); accepted = () => {}; }
-      else {
-        accepted = () => {};
-        say(message.message);
-        for (const one of document.querySelectorAll("form :is([name], [data-demographic])")) one.setAttribute("aria-invalid", String((one.name || one.dataset.demographic) === message.field));
-      }
+      else if (message.type === "done") { say(message.message); mark(""); sent?.accepted(); sent = null; }
+      else { say(message.message); mark(message.field); sent = null; }
     },
     (socket) => { socket.send(token); banner(""); },
     (code) => {
@@ -34,10 +30,21 @@ function openOperator(token, gone = () => banner(word("lost"))) {
   for (const button of document.querySelectorAll("[data-command]")) button.onclick = () => command(button.dataset.command);
   el("enrol-form").onsubmit = (event) => {
     event.preventDefault();
-    accepted = () => event.target.reset();
-    link.send(enrolment(event.target));
+    submit(event.target, enrolment(event.target), () => event.target.reset());
   };
   return () => { over = true; link.socket.close(); };
+}
+
+function submit(form, message, accepted) {
+  sent = { form, accepted };
+  link.send(message);
+}
+
+// Marks the field of that name in the form that was sent as what was refused, and no other.
+function mark(name) {
+  for (const one of document.querySelectorAll("form :is([name], [data-demographic])")) {
+    one.setAttribute("aria-invalid", String(one.form === sent?.form && (one.name || one.dataset.demographic) === name));
+  }
 }
 
 function say(text) {
@@ -78,7 +85,7 @@ function sessionRows(session, snapshot) {
   made.className = session.id === snapshot.active ? "active" : "";
   const heads = el("sessions").parentElement.tHead.rows[0].cells; // on a phone each cell has its own
   for (const cell of made.cells) cell.dataset.head = heads[cell.cellIndex].textContent;
-  const saved = (message) => { accepted = () => { dayOf = null; shown = ""; }; link.send(message); };
+  const saved = (form, message) => submit(form, message, () => { dayOf = null; shown = ""; });
   return dayOf === session.id ? [made, under(dayForm(session, saved), correctionForm(session, snapshot.demographics, saved), voidForm(session, saved))] : [made];
 }
 

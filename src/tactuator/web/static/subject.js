@@ -239,7 +239,6 @@ function readOn() {
 function go() {
   if (page.over) { location.reload(); return; }
   if (page.asked || el("go").disabled) return;
-  if (!el("names").hidden && !el("names").reportValidity()) return;
   if (page.stage === "consent" && readOn()) return;
   page.noise.start();
   banner("");
