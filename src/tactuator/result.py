@@ -263,7 +263,8 @@ class Result:
     def summary_lines(self, below: Sequence[str] = (), width: int = 80, more: str = "to_dict()") -> list[str]:
         """Return at most ten lines: what was found, and what is `below` it; more: where the rest is."""
         last = _wrapped(below, width)
-        findings = [f"{words}: {text}" for words, text in self.headline().items()]
+        shown = (fact for fact in self.facts() if fact.summary and fact.value is not None)
+        findings = [f"{fact.words}: {fact.text}" for fact in shown]
         lines, room = _wrapped(findings, width), _LINES - len(last)
         if len(lines) > room:
             lines = [*_fitting(findings, width, room - 1), f"more: {more}"]

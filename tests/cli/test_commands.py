@@ -263,6 +263,14 @@ def test_summary__too_long__ends_between_findings_or_at_a_semicolon(texts: list[
     assert Given().summary_lines([], 80, "--full") == [*kept, "more: --full"]
 
 
+def test_summary__several_findings_of_one_name__are_all_printed() -> None:
+    class Given(Result):
+        def facts(self) -> Sequence[Fact]:
+            return [found("it cannot", "one"), found("it cannot", "other")]
+
+    assert Given().summary_lines() == ["it cannot: one", "it cannot: other"]
+
+
 def test_plain__dataclass_and_complex__become_objects_and_pairs():
     assert finite(Margin(58.6, np.array([1.0]))) == {"phase_deg": 58.6, "levels_db": [1.0]}
     numbers = {1: np.complex64(1 + 2j), "n": np.int64(3), "t": (np.bool_(True), None)}
