@@ -61,6 +61,7 @@ REFUSALS = {
     "sound latency --device Card --input 0": "input 0; expected the input to which the wire leads",
     "experiment simulate --effect-db 1": "one of --effect-db and --spread-db; expected both",
     "experiment simulate --guess 3": "--guess is 3; it must be a number, 0 to 1",
+    "record display.toml --out rec.csv": "record rec.csv: ending '.csv'; expected .h5, .hdf5",
     "design display.toml --figures bode.svg": "bode.svg is the name of a file; expected that of a folder",
     "experiment export --store lab.db --out ex.csv": "ex.csv is the name of a file; expected that of a folder",
     "experiment waveforms --out one.toml --controller controller.json": "one.toml is the name of a file; expected",

@@ -197,6 +197,10 @@ def test_display__model_in_other_units__is_that_of_the_sensors_volts(command, po
         assert re.findall("(?m)^([a-z_]+) = .*CHANGE THIS", text)[0] == "sensor_gain_v_per_mm"
         (tmp_path / "d.toml").write_text(text)
         read.append(read_display(tmp_path / "d.toml").channels[0])
+    if position != "mV":
+        (tmp_path / "d.toml").write_text(text.replace("[[channel]]", '[[channel]]\nquantity = "velocity"'))
+        with pytest.raises(BadInput, match="quantity is 'velocity', and the plant is of displacement"):
+            read_display(tmp_path / "d.toml")
     plain, converted = read
     for a, b in zip((plain.plant, *plain.family), (converted.plant, *converted.family), strict=True):
         np.testing.assert_allclose(a.response([1.0, 30.0]), b.response([1.0, 30.0]), rtol=1e-9)

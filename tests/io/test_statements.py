@@ -9,6 +9,7 @@ import pytest
 import scipy.io
 
 from tactuator.errors import BadInput
+from tactuator.io.column_name import column_name
 from tactuator.io.csv_tables import read_curve
 from tactuator.io.record import read_record
 from tactuator.io.response_table import read_response
@@ -141,6 +142,12 @@ def test_name__unit_amid_it__is_read_and_beside_a_factor_said(tmp_path: Path, na
     read = read_record(text(tmp_path / "r.csv", f"time_s,command_v,{name}", TIME, U, Y), output=name)
     remarks = () if unit else (f"{name!r} has no unit that is known",)
     assert (read.position_unit, read.remarks) == (unit or "", remarks)
+
+
+def test_name__two_units_in_brackets__is_refused() -> None:
+    with pytest.raises(BadInput, match=r"'stage \(um\) \[mm\]' has two units; expected one of them, as NAME=UNIT"):
+        column_name("stage (um) [mm]")
+    assert column_name("stage (mm) [mm]").unit.text == "mm"
 
 
 def test_name__velocity_in_milliseconds__is_refused(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ from tactuator.identification.result import Identification
 from tactuator.identification.validation import validated
 from tactuator.io.column_name import NO_UNIT, QUANTITIES, unit_of
 from tactuator.io.csv_tables import read_pairs
-from tactuator.io.record import read_record, read_runs, write_record
+from tactuator.io.record import check_record_path, read_record, read_runs, write_record
 from tactuator.io.response_table import NO_NAMES, ResponseColumns
 from tactuator.model.description import Channel, Display
 from tactuator.model.plant import DERIVATIVES
@@ -127,6 +127,8 @@ def record(
     >>> tt.record("display.toml", duration_s=4.0, excitation="noise").headline()["channel"]
     'index'
     """
+    if out is not None:
+        check_record_path(Path(out))
     described = chosen_display(display)
     driven = described.channel(channel or described.channels[0].name)
     command, plan = _planned(described, driven, duration_s, excitation, travel_share, seed, periods, realisations)

@@ -166,6 +166,10 @@ def column_name(text: str, stated: str = "") -> ColumnName:
         named = replace(named, unit=_UNITS["Nm"])  # no nanometres
     if named.unit.kind and _FACTOR.search(named.base):
         named = replace(named, unit=NO_UNIT, unknown=text)
+    if named.is_bracketed:
+        others = filter(None, map(unit_of, re.findall(r"[\[({]([^\[\](){}]+)[\])}]", named.base)))
+        if any((other.kind, other.factor) != (named.unit.kind, named.unit.factor) for other in others):
+            raise BadInput(f"{text!r} has two units", "one of them, as NAME=UNIT")
     if unit is None:
         return replace(named, unknown=stated) if re.search(r"[^\W\d]", stated) and not named.unit.kind else named
     is_other = named.unit.kind != "" and (named.unit.kind, named.unit.factor) != (unit.kind, unit.factor)

@@ -137,9 +137,10 @@ def _channel(tables: Mapping[str, Document], entry: Document, wired: bool, besid
             key="loads",
         )
     stated = mine.get("quantity", Channel.quantity)
-    if DERIVATIVES.get(plant.quantity, 0) and plant.quantity != stated:
-        asked = f'quantity = "{plant.quantity}"'
-        raise BadInput(f"{stated!r}, and the plant is of {plant.quantity}", asked, where=(where,), key="quantity")
+    known = plant.by_unit or (plant.quantity if DERIVATIVES.get(plant.quantity, 0) else "")
+    if known and known != stated:
+        asked = f'quantity = "{known}"'
+        raise BadInput(f"{stated!r}, and the plant is of {known}", asked, where=(where,), key="quantity")
     friction = None if plant.model is None else plant.model.get("friction") or {}
     resolved: dict[str, Any] = {
         "threshold": _threshold(*given["threshold"], beside),

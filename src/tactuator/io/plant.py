@@ -34,7 +34,7 @@ class GivenPlant:
 
     keys: those of a channel that the plant's file states, among them `plant`; the channel's own win. leading: first
     coefficient of the denominator as it is written. model: the document of model.json, None where the plant is no such
-    file. is_response: whether the plant was made of a response by itself.
+    file. is_response: whether the plant was made of a response by itself. by_unit: the quantity that its unit shows.
     """
 
     keys: Mapping[str, Any]
@@ -42,6 +42,7 @@ class GivenPlant:
     model: Mapping[str, Any] | None = field(default=None, repr=False)
     is_response: bool = False
     quantity: str = ""
+    by_unit: str = ""
 
     @property
     def systems(self) -> tuple[ContinuousSystem, ...]:
@@ -82,6 +83,12 @@ def _of_file(path: Path, where: str, looped: bool, columns: ResponseColumns, sen
     return _of_response(response, path, where, looped, sensor_gain)
 
 
+def _moved(unit: str) -> str:
+    """Return the quantity of motion that a unit is of, "" for another."""
+    kind = (unit_of(unit) or NO_UNIT).kind
+    return kind if kind in QUANTITIES else ""
+
+
 def _volts(unit: str, sensor_gain: float) -> float:
     """Return the volts that one unit of a record is: of motion, the sensor's; 1 for a unit that is not known."""
     known = unit_of(unit) or NO_UNIT
@@ -117,7 +124,8 @@ def _of_model(path: Path, where: str, sensor_gain: float) -> GivenPlant:
     volts = {"coulomb": command, "presliding": position}
     friction = {name: value * volts.get(name, 1.0) for name, value in (document.get("friction") or {}).items()}
     model = document | {"friction": friction}
-    return GivenPlant(known, _leading(table), model, quantity=str(document.get("quantity", "")))
+    by_unit = _moved(str(units.get("position", "")))
+    return GivenPlant(known, _leading(table), model, quantity=str(document.get("quantity", "")), by_unit=by_unit)
 
 
 def _recorded(document: Mapping[str, Any], where: str, command: float, position: float) -> Recorded | None:
@@ -205,7 +213,8 @@ def _of_response(response: FrequencyResponse, path: Path, where: str, looped: bo
         "model_error_hz": fit.unsure_hz,
         "recorded": Recorded(distrust=fit.doubts, remarks=response.remarks),
     }
-    return GivenPlant(keys, is_response=True, quantity=response.about.get("quantity", ""))
+    by_unit = _moved(response.about.get("unit", ""))
+    return GivenPlant(keys, is_response=True, quantity=response.about.get("quantity", ""), by_unit=by_unit)
 
 
 @lru_cache(maxsize=16)

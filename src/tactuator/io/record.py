@@ -17,7 +17,7 @@ from tactuator.io.atomic import atomic_path
 from tactuator.io.column_name import QUANTITIES, ColumnName, column_name
 from tactuator.io.columns import MOST_SAMPLES, Columns, read_columns
 from tactuator.io.hdf5 import written_hdf5
-from tactuator.io.kinds import require_kind
+from tactuator.io.kinds import require_kind, require_replaceable
 from tactuator.io.response_table import NO_NAMES, ResponseColumns, are_of_response, asked_column, response_of
 from tactuator.io.stamps import elapsed, even_stamps, of_bare_rate, one_rate, read_clock, read_stamps, runs_of
 from tactuator.parameters import SMALLEST
@@ -455,8 +455,16 @@ def _leans(column: ColumnName) -> int:
     return is_position - (any(map(_OF_COMMAND.match, column.words)) or bool(words & {*INPUT_NAMES}))
 
 
+def check_record_path(path: Path) -> None:
+    """Refuse a path that a record cannot be written to, before it is taken."""
+    if path.suffix.lower() not in (".h5", ".hdf5"):
+        raise BadInput(f"record {path}: ending {path.suffix!r}", ".h5, .hdf5")
+    require_replaceable(path, "record")
+
+
 def write_record(path: str | Path, record: Record) -> None:
     """Write our own HDF5: datasets command, position (and reference) with units, rate and origin as attributes."""
+    check_record_path(Path(path))
     with atomic_path(path, "record") as beside, written_hdf5(beside) as written:
         file = written.file
         file.attrs["format"] = FORMAT

@@ -368,7 +368,8 @@ def _require_known(channel: Channel, looped: bool) -> None:
     """Raise BadInput where a prefilter would equalise what nobody measured: without a loop all rests on the plant. The
     gain of a loop falls to one above the rejection band, and there at least it has to be known.
     """
-    where, edge_hz = f"channel {channel.name!r}: {channel.unknown_words}", channel.feedback.rejection_band_hz[1]
+    where = f"channel {channel.name!r}: {channel.unknown_words or channel.known_words}"
+    edge_hz = channel.feedback.rejection_band_hz[1]
     if looped and not channel.is_known(edge_hz):
         raise BadInput(where, f"a model that is valid at {edge_hz:g} Hz, the rejection band's edge, and over band_hz")
     if not looped and channel.unknown_words:
