@@ -43,6 +43,11 @@ def test_identify__finger_that_rests_for_a_while__is_in_the_band_or_refused(adde
     assert added > 0.0 or band.max() < 0.1  # what stays the same is known as well as ever
 
 
+def test_identify__finger_in_the_last_third__says_where() -> None:
+    (reason,) = identify(touched(0.3, 0.7, 1.0), friction=False).model.distrust
+    assert reason.startswith("change of the response along the record, most at 8.1 s, use a shorter part")
+
+
 def test_identify__two_records_of_two_mechanisms__are_refused_together() -> None:
     both = [touched(0.3, 0.0, 0.0), touched(0.3, 0.0, 1.0, seed=2)]
     assert "change of the response along the record" in " ".join(identify(both, friction=False).model.distrust)

@@ -30,12 +30,14 @@ _BEYOND = 4.0
 @dataclass(frozen=True)
 class Change:
     """How the response's logarithm changed along the records: at frequency_hz (m,), its deviation about the mean, (m,)
-    complex, less what chance explains; greatest: the largest difference of magnitude beyond chance.
+    complex, less what chance explains; greatest: the largest difference of magnitude beyond chance; place: record and
+    middle sample of the part that departs most.
     """
 
     frequency_hz: FloatArray
     deviation: ComplexArray
     greatest: float
+    place: tuple[int, int] | None = None
 
     def at(self, frequency_hz: FloatArray) -> ComplexArray:
         """Return the deviation at `frequency_hz` (any shape), straight between points of log frequency."""
@@ -54,7 +56,9 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
         return nothing
     hertz = np.geomspace(*moved_range(spectra), _POINTS)
     slopes, rows = log_slopes(fit, hertz), list[tuple[ComplexArray, FloatArray, NDArray[np.bool_]]]()
-    for part in _parts(signals, spectra):
+    places: list[tuple[int, int]] = []
+    for place, part in _parts(signals, spectra):
+        places.append(place)
         choice = choice_of_model(fit, [part], HIGHEST_OF[fit.grid.hold] * part.rate_hz)
         covariance, (low, high) = choice.problem.covariance_of(choice.fit), moved_range([part])
         variance = np.add(*variances(slopes, covariance))
@@ -76,13 +80,15 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
     real, imaginary = (
         np.sqrt(np.maximum((part**2).sum(axis=0) - by_chance, 0.0) / count) for part in (away.real, away.imag)
     )
-    return Change(hertz, real + 1j * imaginary, float(beyond.max()))
+    most = int(np.argmax(np.abs(away.real[:, np.argmax(beyond)])))
+    return Change(hertz, real + 1j * imaginary, float(beyond.max()), places[most])
 
 
-def _parts(signals: Signals, spectra: Sequence[Spectrum]) -> Iterator[Spectrum]:
-    for (command, position), taken in zip(signals, spectra, strict=True):
+def _parts(signals: Signals, spectra: Sequence[Spectrum]) -> Iterator[tuple[tuple[int, int], Spectrum]]:
+    for record, ((command, position), taken) in enumerate(zip(signals, spectra, strict=True)):
         count = min(_PARTS, taken.samples // _FEWEST)
         for begin, end in pairwise(np.linspace(0, taken.samples, count + 1).astype(int)):
             piece = slice(begin, end + taken.shift)
             if np.std(command[piece]) > _STILL * np.std(command):
-                yield spectrum(command[piece], position[piece], taken.rate_hz, taken.shift)
+                place = record, int(begin + end) // 2
+                yield place, spectrum(command[piece], position[piece], taken.rate_hz, taken.shift)

@@ -99,7 +99,9 @@ def identification(
     # in a loop the command follows what disturbs, otherwise in every part
     signals = () if estimate.data.in_loop else estimate.data.signals
     change = change_along(chosen.fit, signals, [residual.taken for residual in residuals][: len(signals)])
-    tests = replace(tests, change=max(change.greatest, abs(tests.drift[0]) - tests.drift[1]))
+    where = "" if change.place is None else f"most {common.place(*change.place)}"
+    greatest = max(change.greatest, abs(tests.drift[0]) - tests.drift[1])
+    tests = replace(tests, change=greatest, changed_where=where)
     model = _with_what_is_left(model.with_checks(*rows), tests, bent, change, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     simulated, measured, percent = _positions(residuals, common)
@@ -372,7 +374,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
         trust.LASTING.of(float(ringing)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
-        trust.CHANGE.of(DB * result.tests.change, remedy=_SHORTER),
+        trust.CHANGE.of(DB * result.tests.change, result.tests.changed_where, remedy=_SHORTER),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:

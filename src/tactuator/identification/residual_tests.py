@@ -26,7 +26,8 @@ class ResidualTests:
     past, false where it repeats itself without the noise, None where the record cannot tell; stated: it is known.
     knock: the greatest innovation over their usual size; jump: its sample, or None, in which part of the records.
     skew_ppm, drift: by how much the position's clock is slower, and by what part its gain rises along the record, each
-    with its 95 % half-width. change: of the response's logarithm along the record, beyond chance.
+    with its 95 % half-width. change: of the response's logarithm along the record, beyond chance;
+    changed_where: where most.
     """
 
     white_p: float
@@ -40,6 +41,7 @@ class ResidualTests:
     skew_ppm: tuple[float, float] = (0.0, 0.0)
     drift: tuple[float, float] = (0.0, 0.0)
     change: float = 0.0
+    changed_where: str = ""
 
     @property
     def is_misfit(self) -> bool:
