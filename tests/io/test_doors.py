@@ -94,20 +94,21 @@ def test_printed__control_character_or_mark_of_direction__is_escaped(tmp_path, c
     assert visible("Ω ä 中\tµ") == "Ω ä 中\tµ"
 
 
-@pytest.mark.parametrize("shows", ["said", "told", "asked", "served", "bar", "line"])
+@pytest.mark.parametrize("shows", ["said", "told", "asked", "served", "bar", "line", "dumb"])
 def test_terminal__text_of_a_protocol_or_a_name__can_neither_command_it_nor_be_taken_for_markup(monkeypatch, shows):
     """A protocol that another laboratory wrote has texts for subjects, and names; so has a display file."""
     screen, text = io.StringIO(), "\x1b]0;x\x07 [/b] \u202e"
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
-    monkeypatch.setattr("sys.stderr.isatty", lambda: shows == "bar", raising=False)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: shows != "line", raising=False)
+    monkeypatch.setenv("TERM", "dumb" if shows == "dumb" else "xterm")
     if shows == "served":
         server = PageServer(uvicorn.Config(FastAPI()))
         server.said = [text]
         monkeypatch.setattr(uvicorn.Server, "startup", AsyncMock())
         with ThreadPoolExecutor(1) as other:  # a browser's test may have left its loop in this thread
             other.submit(asyncio.run, server.startup()).result()
-    elif shows in ("bar", "line"):
+    elif shows in ("bar", "line", "dumb"):
         monkeypatch.setattr(output, "EVERY_S", 0.01)
         with output.Bars()(text, 1.0) as step:
             step(0.5, text=text)

@@ -112,7 +112,7 @@ class _Stretch:
 
 
 class Bars:
-    """Bars on standard error, one below the other, gone when done; a line now and then where it is no terminal."""
+    """Bars on standard error, one below the other, gone when done; a line now and then where none can be shown."""
 
     def __init__(self) -> None:
         self._shown: Progress | None = None
@@ -143,7 +143,8 @@ class Bars:
     @contextmanager
     def __call__(self, text: str, total: float | None) -> Iterator[Step]:
         """Show a bar for a stretch of work."""
-        if not sys.stderr.isatty():
+        console = Console(stderr=True)
+        if not console.is_terminal or console.is_dumb_terminal:
             with self._lines(text, total) as step:
                 yield step
             return
@@ -155,7 +156,7 @@ class Bars:
                     MofNCompleteColumn(),
                     TimeRemainingColumn(),
                 )
-                self._shown = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
+                self._shown = stack.enter_context(Progress(*columns, console=console, transient=True))
                 stack.callback(setattr, self, "_shown", None)
             shown, task = self._shown, self._shown.add_task(visible(text), total=total)
             yield lambda done=None, total=None, text=None: shown.update(
