@@ -235,7 +235,7 @@ def _person_rows(study: PaperStudy) -> list[Row]:
     direct, bands = study.spoken
     return [
         ("trials a run", "60-90", f"{trials.mean():.0f} (5-95 %: {low:.0f}-{high:.0f})", PEOPLE_),
-        ("threshold, measured minus true", "", f"{errors.mean():+.1f} ± {errors.std(ddof=1):.1f} dB", PEOPLE_),
+        ("threshold, measured minus true", "", f"{errors.mean():+z.1f} ± {errors.std(ddof=1):.1f} dB", PEOPLE_),
         (
             "new curve against the library's",
             "higher, then lower",
