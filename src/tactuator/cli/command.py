@@ -47,11 +47,6 @@ def command_of(function: Callable[..., Any]) -> Callable[..., None]:
                 _look_for(name, given[name])
         _keep_what_is_there(known, given)
         places = [given[name] for name, option in known.items() if option.writes and given[name] is not None]
-        for name, option in known.items():
-            if option.writes == "folder" and given[name] is not None:
-                check_folder(given[name])
-            elif option.writes and given[name] is not None and given[name].suffix:  # others may be folders, too
-                check_parent(given[name])
         before = {place: _changed_ns(place) for place in places}
         try:
             with watched(Bars()):
@@ -132,7 +127,7 @@ def _as_typed(known: Mapping[str, Option], typed: Callable[[str], str]) -> Itera
 
 def _keep_what_is_there(known: Mapping[str, Option], given: Mapping[str, Any]) -> None:
     """Raise BadInput where what is written would replace what is read (an argument, or what a TOML file names) or a
-    file of another kind; first for an argument that is not of the kind it is read as.
+    file of another kind, and where it has no place; first for an argument that is not of the kind it is read as.
     """
     inputs = [
         (name, given_path, path)
@@ -150,6 +145,10 @@ def _keep_what_is_there(known: Mapping[str, Option], given: Mapping[str, Any]) -
                     raise BadInput(f"`{name}` {place} is a file that the command reads", "another name")
             if option.writes in KINDS:
                 require_replaceable(place, option.writes)
+            if option.writes == "folder":
+                check_folder(place)
+            elif place.suffix:  # others may be folders, too
+                check_parent(place)
 
 
 def _changed_ns(place: Path) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -15,6 +14,7 @@ from tactuator.identification.data import HIGHEST_OF, Signals
 from tactuator.identification.likelihood import SpectralFit
 from tactuator.identification.lines import Spectrum, spectrum
 from tactuator.identification.residual import choice_of_model
+from tactuator.identification.residual_tests import NO_CHANGE, Change
 from tactuator.identification.uncertainty import log_slopes, variances
 
 _PARTS = 5
@@ -27,33 +27,13 @@ _BEYOND = 4.0
 """Deviations of a difference that chance may bring: of the greatest of many pairs, at many frequencies."""
 
 
-@dataclass(frozen=True)
-class Change:
-    """How the response's logarithm changed along the records: at frequency_hz (m,), its deviation about the mean, (m,)
-    complex, less what chance explains; greatest: the largest difference of magnitude beyond chance; place: record and
-    middle sample of the part that departs most.
-    """
-
-    frequency_hz: FloatArray
-    deviation: ComplexArray
-    greatest: float
-    place: tuple[int, int] | None = None
-
-    def at(self, frequency_hz: FloatArray) -> ComplexArray:
-        """Return the deviation at `frequency_hz` (any shape), straight between points of log frequency."""
-        places = np.log(np.maximum(frequency_hz, 1e-300)), np.log(self.frequency_hz)
-        real, imaginary = (np.interp(*places, part) for part in (self.deviation.real, self.deviation.imag))
-        return np.asarray(real + 1j * imaginary)
-
-
 def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]) -> Change:
     """Return how far the parts of the records depart from a fit to them all, each to first order, beside each other.
 
     A part speaks of the frequencies that its command moved. signals, spectra: of every record, as they were fitted.
     """
-    nothing = Change(np.ones(1), np.zeros(1, dtype=np.complex128), 0.0)
     if not signals:
-        return nothing
+        return NO_CHANGE
     hertz = np.geomspace(*moved_range(spectra), _POINTS)
     slopes, rows = log_slopes(fit, hertz), list[tuple[ComplexArray, FloatArray, NDArray[np.bool_]]]()
     places: list[tuple[int, int]] = []
@@ -64,7 +44,7 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
         variance = np.add(*variances(slopes, covariance))
         rows.append((slopes @ choice.problem.step_of(choice.fit), variance, (hertz >= low) & (hertz <= high)))
     if not rows:
-        return nothing
+        return NO_CHANGE
     moved, variance, known = (np.stack(column) for column in zip(*rows, strict=True))
     weight = known / np.maximum(variance, 1e-300)
     share = weight / np.maximum(weight.sum(axis=0), 1e-300)
@@ -75,7 +55,7 @@ def change_along(fit: SpectralFit, signals: Signals, spectra: Sequence[Spectrum]
         apart = np.abs((moved[one] - moved[other]).real) - chance
         beyond = np.maximum(beyond, np.where(known[one] & known[other], apart, 0.0))
     if not beyond.any():
-        return nothing
+        return NO_CHANGE
     by_chance, count = (variance * known).sum(axis=0), np.maximum(known.sum(axis=0), 1)
     real, imaginary = (
         np.sqrt(np.maximum((part**2).sum(axis=0) - by_chance, 0.0) / count) for part in (away.real, away.imag)

@@ -19,7 +19,7 @@ from tactuator.identification.check import (
     moved_range,
     valid_range,
 )
-from tactuator.identification.constancy import Change, change_along
+from tactuator.identification.constancy import change_along
 from tactuator.identification.distortion import Distortion
 from tactuator.identification.fit import CERTAIN, REMAINS, SpectralEstimate
 from tactuator.identification.fixed_values import beside_free, exact
@@ -96,13 +96,7 @@ def identification(
     if estimate.other is not None and not between.certain:
         other = _model(common, estimate, estimate.other, distortion, friction_fit)
         model = model.holding(other)
-    # in a loop the command follows what disturbs, otherwise in every part
-    signals = () if estimate.data.in_loop else estimate.data.signals
-    change = change_along(chosen.fit, signals, [residual.taken for residual in residuals][: len(signals)])
-    where = "" if change.place is None else f"most {common.place(*change.place)}"
-    greatest = max(change.greatest, abs(tests.drift[0]) - tests.drift[1])
-    tests = replace(tests, change=greatest, changed_where=where)
-    model = _with_what_is_left(model.with_checks(*rows), tests, bent, change, common)
+    model = _with_what_is_left(model.with_checks(*rows), tests, bent, common)
     model = replace(model, valid_hz=_valid(model, estimate), friction={} if friction is None else friction.stated)
     simulated, measured, percent = _positions(residuals, common)
     remarks = (*common.remarks, *_skew(chosen, model.confidence()["delay_s"]))
@@ -153,7 +147,7 @@ def _beside_free(
 
 
 def _with_what_is_left(
-    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], change: Change, common: Prepared
+    model: PlantModel, tests: ResidualTests, bent: tuple[float, ComplexArray], common: Prepared
 ) -> PlantModel:
     """Return the model judged by its residuals and its constancy, its band with the distortion and the change that they
     show.
@@ -163,7 +157,7 @@ def _with_what_is_left(
     jump = trust.KNOCK.of(tests.knock, place, remedy="cut there: `from_s`, `to_s`")
     rise, half = tests.drift  # a gain alone is known better than the whole response of a part
     rising = (abs(rise) + half) / 3.0 if abs(rise) > 1.5 * half else 0.0
-    along = change.at(model.excess.frequency_hz)
+    along = tests.change.at(model.excess.frequency_hz)
     along = np.maximum(along.real, rising) + 1j * along.imag
     checked = model.with_checks(jump, trust.DISTORTION.of(100.0 * share))
     return replace(checked, excess=model.excess.joined(level).joined(along))
@@ -297,6 +291,8 @@ def _tests(
         seen = seen if seen == {feedback_seen(residual, hold) for residual in estimate.other_residuals} else {None}
     part = max(range(len(tests)), key=lambda k: tests[k].knock)
     skew_ppm, drift = along_record(fit, residuals)
+    # in a loop the command follows what disturbs, otherwise in every part
+    signals = () if estimate.data.in_loop else estimate.data.signals
     lasting_s = max(part.samples / part.rate_hz for part in estimate.spectra)
     uncorrelated_p = min(1.0, len(tests) * min(test.uncorrelated_p for test in tests))
     # outside a loop a plant with such poles would have run away long before the record's end
@@ -316,6 +312,7 @@ def _tests(
         part=part,
         skew_ppm=skew_ppm,
         drift=drift,
+        change=change_along(fit, signals, [residual.taken for residual in residuals][: len(signals)]),
     )
 
 
@@ -374,7 +371,7 @@ def judge(result: Identification, common: Prepared) -> Identification:
         trust.LASTING.of(float(ringing)),
         trust.FASTEST.of(fastest / (0.5 * record.rate_hz)),
         trust.FOLLOWING.of(100.0 * result.tests.unexplained * min(rest**2, 1.0) if follows else 0.0),
-        trust.CHANGE.of(DB * result.tests.change, result.tests.changed_where, remedy=_SHORTER),
+        _change(result.tests, common),
     ]
     friction = result.friction
     if friction is not None and friction.presliding is None:
@@ -392,6 +389,13 @@ def judge(result: Identification, common: Prepared) -> Identification:
             trust.RULED.of(100.0 * max(map(ruled_by_friction, common.records)), remedy=_NO_LOOP),
         )
     return replace(result, model=model)
+
+
+def _change(tests: ResidualTests, common: Prepared) -> QualityCheck:
+    """Return the check of the response's change along the records, or of the gain's, which is known better."""
+    where = "" if tests.change.place is None else f"most {common.place(*tests.change.place)}"
+    rise, half = tests.drift
+    return trust.CHANGE.of(DB * max(tests.change.greatest, abs(rise) - half), where, remedy=_SHORTER)
 
 
 def _ranges(model: PlantModel, common: Prepared) -> list[QualityCheck]:

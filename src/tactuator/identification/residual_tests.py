@@ -8,13 +8,35 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tactuator.arrays import FloatArray
+from tactuator.arrays import ComplexArray, FloatArray
 from tactuator.signals.discretise import first_order
 
 _LAGS, _BURST = 40, 50
 """Lags of the test of whiteness, and samples about the greatest innovation that may belong to it."""
 CHANCE, _MISFIT = 1e-3, 0.01
 """Chance of a residual that follows the command so much, and its share that does, beyond which no loop is stated."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """How the response's logarithm changed along the records: at frequency_hz (m,), its deviation about the mean, (m,)
+    complex, less what chance explains; greatest: the largest difference of magnitude beyond chance; place: record and
+    middle sample of the part that departs most.
+    """
+
+    frequency_hz: FloatArray
+    deviation: ComplexArray
+    greatest: float
+    place: tuple[int, int] | None = None
+
+    def at(self, frequency_hz: FloatArray) -> ComplexArray:
+        """Return the deviation at `frequency_hz` (any shape), straight between points of log frequency."""
+        places = np.log(np.maximum(frequency_hz, 1e-300)), np.log(self.frequency_hz)
+        real, imaginary = (np.interp(*places, part) for part in (self.deviation.real, self.deviation.imag))
+        return np.asarray(real + 1j * imaginary)
+
+
+NO_CHANGE = Change(np.ones(1), np.zeros(1, dtype=np.complex128), 0.0)
 
 
 @dataclass(frozen=True)
@@ -26,8 +48,7 @@ class ResidualTests:
     past, false where it repeats itself without the noise, None where the record cannot tell; stated: it is known.
     knock: the greatest innovation over their usual size; jump: its sample, or None, in which part of the records.
     skew_ppm, drift: by how much the position's clock is slower, and by what part its gain rises along the record, each
-    with its 95 % half-width. change: of the response's logarithm along the record, beyond chance;
-    changed_where: where most.
+    with its 95 % half-width. change: of the response along the records.
     """
 
     white_p: float
@@ -40,8 +61,7 @@ class ResidualTests:
     part: int = 0
     skew_ppm: tuple[float, float] = (0.0, 0.0)
     drift: tuple[float, float] = (0.0, 0.0)
-    change: float = 0.0
-    changed_where: str = ""
+    change: Change = NO_CHANGE
 
     @property
     def is_misfit(self) -> bool:

@@ -90,8 +90,8 @@ def indistinct(choice: Choice, local: LocalResponse, shifts: FloatArray | None =
     wanted, beyond = best.response(hertz), other_forms(choice, hertz)
     rest = np.hypot(FLOOR, left_over(best, local, response_of_rows(best, seen_hz), hertz))
     covariance = choice.problem.covariance_of(best) + (0.0 if shifts is None else shifts.T @ shifts)
-    own = variances(log_slopes(best, hertz), covariance)
-    pairs = zip(own, (beyond.magnitude, beyond.phase_rad), strict=True)
+    of_best = variances(log_slopes(best, hertz), covariance)
+    pairs = zip(of_best, (beyond.magnitude, beyond.phase_rad), strict=True)
     reach = [Z95 * np.sqrt(variance + rest**2 + excess**2) for variance, excess in pairs]
 
     def is_within(fit: SpectralFit) -> bool:

@@ -132,12 +132,12 @@ class Procedure:
 
         A low first level makes nobody more sensitive: the highest level is to reach the display's curve in any case.
         """
-        least, told = self.expected_threshold(), f"thresholds are expected at {{:g}} ± {PEOPLE_DB:g} dB; the"
+        least, words = self.expected_threshold(), f"thresholds are expected at {{:g}} ± {PEOPLE_DB:g} dB; the"
         most = max(least, 0.0)
         if least - spread_db < self.lowest_db_sl:
-            yield f"{told.format(least)} lowest level is {self.lowest_db_sl:g} dB"
+            yield f"{words.format(least)} lowest level is {self.lowest_db_sl:g} dB"
         if most + spread_db > self.highest_db_sl:
-            yield f"{told.format(most)} highest level is {self.highest_db_sl:g} dB"
+            yield f"{words.format(most)} highest level is {self.highest_db_sl:g} dB"
 
     def faults(self, guess: float) -> Iterator[BadInput]:
         """Yield every reason why no run can reach a threshold, whatever the answers. guess: as `begin` takes it."""

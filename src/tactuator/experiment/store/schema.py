@@ -32,7 +32,7 @@ tables = MetaData()
 
 
 class Prose(String):
-    """Type of a text that people write for people, and that may name somebody."""
+    """Type of a text that people write for people, and that may name a person."""
 
 
 def _key(name: str, needed: bool = True, **about: Any) -> Column[Any]:
